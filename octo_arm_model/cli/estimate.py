@@ -19,7 +19,7 @@ from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, refuse_inside, unwritten, writing
 from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
-from octo_arm_model.estimation.estimator import Estimated
+from octo_arm_model.estimation.estimator import EstimatorOutput
 from octo_arm_model.estimation.settings import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
 from octo_arm_model.estimation.unknowns import Unknowns
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, MEASUREMENT_TOPICS, TIP_POSE
@@ -421,7 +421,7 @@ def run(options: argparse.Namespace) -> int:
             tables = opened.enter_context(EstimateTables(place, recorded.models))
             outputs.append(tables.write)
 
-        def write(moment: Moment, one: Estimated) -> None:
+        def write(moment: Moment, one: EstimatorOutput) -> None:
             for output in outputs:
                 output(moment, one)
 
@@ -458,7 +458,7 @@ def _bag_output(
     opened: contextlib.ExitStack,
     reader: BagReader,
     recorded: SensorRecording,
-) -> Callable[[Moment, Estimated], None]:
+) -> Callable[[Moment, EstimatorOutput], None]:
     """A function that writes estimates to the bag --out, at most --rate of them a second."""
     from octo_arm_model.bags.outputs import copy_bag, estimate_output
     from octo_arm_model.bags.writer import BagWriter
@@ -474,7 +474,7 @@ def _bag_output(
     period = 1.0 / options.rate if options.rate else 0.0
     due = -math.inf
 
-    def write(moment: Moment, one: Estimated) -> None:
+    def write(moment: Moment, one: EstimatorOutput) -> None:
         nonlocal due
         if moment.time < due - 1e-9:
             return

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.estimation.gaussian import Gaussian, square_of, volume_of
+from octo_arm_model.estimation.gaussian import Gaussian, square_of
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.measurements import LOAD_CELL
 from octo_arm_model.estimation.model import ArmModel, Prediction
@@ -89,21 +89,21 @@ class Bank(NamedTuple):
     def after(self, model: ArmModel, elapsed: float) -> Bank:
         """All of them ``elapsed`` [s] later."""
         decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
-        forgotten = math.exp(-elapsed / MEMORY)
         covariance = np.outer(decay, decay) * self.covariance + np.diag(growth**2)
+        contradiction = math.exp(-elapsed / MEMORY) * self.contradiction
         return self._replace(
-            mean=decay * self.mean,
-            covariance=covariance,
-            contradiction=forgotten * self.contradiction,
+            mean=decay * self.mean, covariance=covariance, contradiction=contradiction
         )
 
 
 def new_bank(model: ArmModel) -> Bank:
     """Of one hypothesis, that believes everything and knows the prior of ``model``."""
-    stddev = model.state.prior_stddev()
-    mean, covariance = np.zeros((1, stddev.size)), np.diag(stddev**2)[np.newaxis]
+    mean, root = model.state.prior
     none = np.zeros(1, dtype=bool)
-    return Bank((_NOBODY,), mean, covariance, np.zeros(1), 0, _NOBODY, Agreement(), none)
+    covariance = (root**2)[np.newaxis]
+    return Bank(
+        (_NOBODY,), mean[np.newaxis], covariance, np.zeros(1), 0, _NOBODY, Agreement(), none
+    )
 
 
 class BankUpdate(NamedTuple):
@@ -145,43 +145,40 @@ class BankUpdate(NamedTuple):
             whole[numbers] = part
 
 
-class Judge:
-    """Updates the hypotheses of one arm."""
+class BankFilter:
+    """Updates the hypotheses of one arm with what was measured at one time."""
 
     def __init__(self, model: ArmModel, rules: Rules, work: Work) -> None:
         """Of ``model``, by ``rules``, with no more ``work`` than that."""
         self._model, self._rules, self._work = model, rules, work
-        self._cells = frozenset(f'{LOAD_CELL} {name}' for name in model.arm.tendon_names)
+        names = model.arm.tendon_names
+        # Where the tension of each load cell is in the state.
+        self._tension = {f'{LOAD_CELL} {name}': at for at, name in enumerate(names)}
+        self._cells = frozenset(self._tension)
         self._prior = model.state.prior_stddev()
 
-    def improbability(self, bank: Bank) -> FloatArray:
-        """Of every hypothesis before anything is measured [nat]."""
-        return np.array([self._rules.improbability(one, self._cells) for one in bank.doubts])
-
-    def linear(self, bank: Bank, rows: Rows, at: Prediction) -> tuple[Bank, BankUpdate]:
-        """All hypotheses after ``rows``, linearised about ``at``."""
-        judged = self._judge(bank, rows, at)
-        expected = judged.expected[bank.leader].diagonal()
+    def with_linear(self, bank: Bank, rows: Rows, at: Prediction) -> tuple[Bank, BankUpdate]:
+        """All hypotheses after ``rows`` that depend on no shape; ``at`` is of any state."""
+        update = self._linearised(bank, rows, at)
+        expected = update.expected[bank.leader].diagonal()
         if (rows.noise.diagonal() < _RESOLVED**2 * expected).any():
             raise np.linalg.LinAlgError('what is measured is far more exact than what was known')
-        return _charged(bank, judged), judged
+        return _updated(bank, update), update
 
-    def led(self, bank: Bank, at: Prediction) -> tuple[Bank, Prediction]:
-        """With the most probable leader, whose tensions are possible, and its shape."""
-        total = bank.contradiction + self.improbability(bank)
+    def with_leader(self, bank: Bank, at: Prediction) -> tuple[Bank, Prediction]:
+        """The most probable hypothesis leads, with possible tensions; and its shape."""
+        total = bank.contradiction + self._improbability(bank)
         total[bank.is_open] = np.inf  # their means were not looked for
         total[bank.leader] -= _STAYS
         leader = int(total.argmin())
-        known = bank.one(leader)
-        mean = nearest_possible(self._model, known.root, known.mean)
         means = bank.mean.copy()
-        means[leader] = mean
+        means[leader] = mean = nearest_possible(self._model, bank.one(leader))
         # Where no work is left the shape nearby is moved to the mean to first order.
         if self._work.is_left or at.shape is None:
             at = reached(at, mean, self._work)
         return bank._replace(mean=means, leader=leader), at
 
-    def shaped(
+    def with_shapes(
         self, bank: Bank, rows: Rows, at: Prediction, *, is_new: bool
     ) -> tuple[Bank, BankUpdate, Prediction]:
         """All hypotheses after ``rows``, the most probable one about its own shape.
@@ -192,11 +189,11 @@ class Judge:
             SolveError: if there is none.
         """
         exact: dict[int, tuple[Fit, BankUpdate]] = {}
-        shape, stays = at, self.improbability(bank)
+        shape, stays = at, self._improbability(bank)
         stays[bank.leader] -= _STAYS
         # The leader comes first, and no sensor is doubted before its shape is known: far from what
         # was expected, as after a sudden touch, a linear guess of it is much too bad.
-        best, judged, total = bank.leader, None, stays
+        best, update = bank.leader, None
         # Where it is contradicted, and others were not looked for yet, most work is left for them.
         is_lost = bank.contradiction[best] >= CONTRADICTED and bool(bank.is_open.any())
         spare = _SEARCH + 1 if is_lost else 1
@@ -209,34 +206,32 @@ class Judge:
                     raise
             else:
                 found = exact[best][0].at
-                is_far = shape.distance(found.x) > _FAR * self._model.arm.length
                 if len(bank.doubts) == 1:
-                    judged = exact[best][1]
-                elif is_far:
-                    judged = judged or self._judge(bank, rows, shape)
-                    judged.improve(self._judge(bank, rows, found))
+                    update = exact[best][1]
+                elif shape.distance(found.x) > _FAR * self._model.arm.length:
+                    update = update or self._linearised(bank, rows, shape)
+                    update.improve(self._linearised(bank, rows, found))
                 shape = found
-            judged = judged or self._judge(bank, rows, shape)
+            update = update or self._linearised(bank, rows, shape)
             for number, (_, one) in exact.items():
-                judged.put([number], one)
-            total = bank.contradiction + judged.cost + stays
-            best = int(total.argmin())
+                update.put([number], one)
+            best = int((bank.contradiction + update.cost + stays).argmin())
             if exact and (is_lost or not self._work.is_left):
                 break
-        assert judged is not None
-        is_open = self._search(bank, judged, rows, shape, exact)
-        total = bank.contradiction + judged.cost + stays
+        assert update is not None
+        is_open = self._search(bank, update, rows, shape, exact)
+        total = bank.contradiction + update.cost + stays
         best = min(exact, key=lambda number: float(total[number]))
         fit = exact[best][0]
-        bank = _charged(bank, judged)._replace(
+        bank = _updated(bank, update)._replace(
             leader=best, agreement=fit.agreement, is_open=is_open
         )
-        return bank, judged, fit.at
+        return bank, update, fit.at
 
     def _search(
         self,
         bank: Bank,
-        judged: BankUpdate,
+        update: BankUpdate,
         rows: Rows,
         at: Prediction,
         exact: dict[int, tuple[Fit, BankUpdate]],
@@ -247,9 +242,9 @@ class Judge:
         """
         if not bank.is_open.any():
             return bank.is_open
-        moved = (judged.mean - at.x) @ at.change.tip[:3].T
+        moved = (update.mean - at.x) @ at.change.tip[:3].T
         is_far = np.linalg.norm(moved, axis=1) > _FAR * self._model.arm.length
-        is_open = bank.is_open & (is_far | (judged.cost >= CONTRADICTED))
+        is_open = bank.is_open & (is_far | (update.cost >= CONTRADICTED))
         is_open[list(exact)] = False
         waiting = np.flatnonzero(is_open).tolist()
         for number in waiting:
@@ -263,24 +258,22 @@ class Judge:
                 continue
             fit, one = exact[number]
             if one.cost[0] < CONTRADICTED:
-                judged.improve(self._judge(bank, rows, fit.at))
+                update.improve(self._linearised(bank, rows, fit.at))
         for number, (_, one) in exact.items():
-            judged.put([number], one)
+            update.put([number], one)
         left = [number for number in waiting if number not in exact]
-        judged.mean[left], judged.covariance[left] = bank.mean[left], bank.covariance[left]
-        judged.is_used[left], judged.cost[left] = False, 0.0
+        update.mean[left], update.covariance[left] = bank.mean[left], bank.covariance[left]
+        update.is_used[left], update.cost[left] = False, 0.0
         return is_open
 
     def _nearest(self, bank: Bank, number: int, rows: Rows, at: Prediction) -> Prediction:
         """What explains ``rows`` best, of ``at`` and some tensions that one doubts."""
-        names, tension = self._model.arm.tendon_names, self._model.state.tension
-        doubts, known = bank.doubts[number], bank.one(number)
-        is_doubted = np.array([f'{LOAD_CELL} {name}' in doubts for name in names])
-        mean = nearest_possible(self._model, known.root, known.mean)
+        doubted = [self._tension[name] for name in bank.doubts[number] & self._cells]
+        x = nearest_possible(self._model, bank.one(number))
         best, least = at, square_of(rows.left(at), rows.noise_root)
         for part in _LOOKED_FROM:
-            x = mean.copy()
-            x[tension][is_doubted] = part * self._prior[tension][is_doubted]
+            x = x.copy()
+            x[doubted] = part * self._prior[doubted]
             try:
                 at = reached(at, x, self._work)
                 square = square_of(rows.left(at), rows.noise_root)
@@ -290,7 +283,75 @@ class Judge:
                 best, least = at, square
         return best
 
-    def opened(self, bank: Bank, heard: Sequence[str]) -> tuple[Bank, list[int]]:
+    def _linearised(
+        self, bank: Bank, rows: Rows, at: Prediction, is_used: NDArray[np.bool_] | None = None
+    ) -> BankUpdate:
+        """All hypotheses after ``rows``, linearised about ``at``; by the gate what ``is_used``."""
+        jacobian, channels = rows.jacobian(at), channels_of(rows.channels(at))
+        innovation = rows.left(at) + (at.x - bank.mean) @ jacobian.T
+        across = jacobian @ bank.covariance
+        expected = across @ jacobian.T + rows.noise
+        squares = channels.squares(innovation, expected)
+        is_doubted = np.array([channels.is_in(doubts) for doubts in bank.doubts])
+        if is_used is None:
+            is_used = ~is_doubted & (squares <= channels.limits(self._rules.gate))
+        # Numbers that are not used are of noise alone.
+        some = is_used[..., np.newaxis]
+        noise = ~some * np.diag(rows.noise.diagonal())
+        across, left = some * across, (is_used * innovation)[..., np.newaxis]
+        root = np.linalg.cholesky(some * expected * is_used[:, np.newaxis] + noise)
+        white = np.linalg.solve(root, np.concatenate([across, left], axis=-1))
+        square = (white[..., -1] ** 2).sum(axis=-1)
+        gain = np.linalg.solve(root.swapaxes(-1, -2), white)[..., :-1]
+        mean = bank.mean + (gain * left).sum(axis=1)
+        # Joseph's form, exact too where measurements are far more exact than what was known.
+        covariance = bank.covariance - gain.swapaxes(-1, -2) @ across
+        told = jacobian @ covariance * some
+        covariance += (rows.noise @ gain - told).swapaxes(-1, -2) @ gain
+        covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
+        is_refused = ~is_used & ~is_doubted
+        cost = channels.cost(is_used, is_refused, squares, square, self._rules.gate)
+        volumes = np.log(2.0 * math.pi * np.einsum('hii->hi', root) ** 2)
+        volume = (is_used * volumes).sum(axis=-1)
+        return BankUpdate(mean, covariance, is_used, cost, innovation, expected, square, volume)
+
+    def _fit(
+        self, bank: Bank, number: int, rows: Rows, at: Prediction, spare: int, *, is_new: bool
+    ) -> tuple[Fit, BankUpdate]:
+        """One hypothesis after ``rows``, about the shape that it agrees with them on."""
+        before, channels = bank.one(number), channels_of(rows.channels(at))
+        alone = bank._replace(
+            doubts=bank.doubts[number : number + 1],
+            mean=bank.mean[[number]],
+            covariance=bank.covariance[[number]],
+        )
+        is_used, limits = ~channels.is_in(bank.doubts[number]), channels.limits(self._rules.gate)
+        first, share = at, self._work
+        while True:
+            if len(bank.doubts) > 1:  # something is left for the others
+                share = self._work.share(min(_SHARE, max(self._work.evaluations - spare, 1)))
+            some = rows.only(np.flatnonzero(is_used))
+            fit = agree(before, some, bank.agreement, at, share, is_new=is_new)
+            at, is_new = fit.at, False
+            update = self._linearised(alone, rows, at, is_used[np.newaxis])
+            squares = channels.squares(update.innovation, update.expected)[0]
+            is_refused = is_used & (squares > limits)
+            if not fit.is_converged:
+                # Squares are not exact then; what led nowhere is refused.
+                now, then = (
+                    square_of(some.left(one), some.noise_root)
+                    + np.array([0.0, square_of(one.x - before.mean, before.root)])
+                    for one in (at, first)
+                )
+                is_hopeless = now[0] > limits.max() and now[1] > _HALFWAY * then[1]
+                is_refused = is_used & ((squares > _UNSURE * limits) | is_hopeless)
+            if not is_refused.any():
+                break
+            is_used = is_used & ~is_refused
+        covariance = (fit.known.root @ fit.known.root.T)[np.newaxis]
+        return fit, update._replace(mean=fit.known.mean[np.newaxis], covariance=covariance)
+
+    def with_suspects(self, bank: Bank, heard: Sequence[str]) -> tuple[Bank, list[int]]:
         """With a hypothesis for each sensor that may lie, and from which each of them is.
 
         Load cells may once another sensor is ``heard``, which can tell.
@@ -300,13 +361,13 @@ class Judge:
             return bank, list(range(len(bank.doubts)))
         return self._about(bank._replace(heard=known), bank.doubts[bank.leader])
 
-    def followed(self, bank: Bank) -> Bank:
+    def without_lost(self, bank: Bank) -> Bank:
         """Hypotheses that are contradicted go on from what the leader knows."""
         if len(bank.doubts) == 1:
             return bank
         doubts, cells = bank.doubts[bank.leader], self._cells
-        is_lost = bank.contradiction >= CONTRADICTED
         is_single = len(doubts & cells) == len(doubts) == 1
+        is_lost = bank.contradiction >= CONTRADICTED
         if is_lost[bank.leader] and is_single and not bank.is_open.any():
             # One load cell that lies does not explain what is measured: two of them may.
             bank, _ = self._about(bank, doubts)
@@ -338,12 +399,6 @@ class Judge:
             left[lies[suspects[-1]]] = 0.0
         return refused, tuple(suspects)
 
-    def _weight(self, bank: Bank) -> FloatArray:
-        """Probability of every hypothesis, (hypotheses,)."""
-        total = bank.contradiction + self.improbability(bank)
-        weight = np.exp(total.min() - total)
-        return np.asarray(weight / weight.sum())
-
     def mixture(self, bank: Bank) -> Gaussian:
         """The mean of the leader, and a covariance that holds what others think possible."""
         if len(bank.doubts) == 1:
@@ -353,85 +408,15 @@ class Judge:
         covariance = np.tensordot(weight, bank.covariance, axes=1) + (weight * away.T) @ away
         return Gaussian.of(mean, covariance)
 
-    def _judge(self, bank: Bank, rows: Rows, at: Prediction) -> BankUpdate:
-        """All hypotheses after ``rows``, linearised about ``at``."""
-        jacobian, channels = rows.jacobian(at), channels_of(rows.channels(at))
-        innovation = rows.left(at) + (at.x - bank.mean) @ jacobian.T
-        across = jacobian @ bank.covariance
-        expected = across @ jacobian.T + rows.noise
-        squares = channels.squares(innovation, expected)
-        is_doubted = np.array([channels.is_in(doubts) for doubts in bank.doubts])
-        is_used = ~is_doubted & (squares <= channels.limits(self._rules.gate))
-        # Numbers that are not used are of noise alone.
-        some = is_used[..., np.newaxis]
-        noise = ~some * np.diag(rows.noise.diagonal())
-        across, left = some * across, (is_used * innovation)[..., np.newaxis]
-        root = np.linalg.cholesky(some * expected * is_used[:, np.newaxis] + noise)
-        white = np.linalg.solve(root, np.concatenate([across, left], axis=-1))
-        square = (white[..., -1] ** 2).sum(axis=-1)
-        gain = np.linalg.solve(root.swapaxes(-1, -2), white)[..., :-1]
-        mean = bank.mean + (gain * left).sum(axis=1)
-        # Joseph's form, exact too where measurements are far more exact than what was known.
-        covariance = bank.covariance - gain.swapaxes(-1, -2) @ across
-        told = jacobian @ covariance * some
-        covariance += (rows.noise @ gain - told).swapaxes(-1, -2) @ gain
-        covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
-        cost = channels.cost(is_used, ~is_used & ~is_doubted, squares, square, self._rules.gate)
-        volume = 2.0 * np.log(np.einsum('hii->hi', root)).sum(axis=-1)
-        volume += len(rows) * math.log(2.0 * math.pi)
-        return BankUpdate(mean, covariance, is_used, cost, innovation, expected, square, volume)
+    def _improbability(self, bank: Bank) -> FloatArray:
+        """Of every hypothesis before anything is measured [nat]."""
+        return np.array([self._rules.improbability(one, self._cells) for one in bank.doubts])
 
-    def _fit(
-        self, bank: Bank, number: int, rows: Rows, at: Prediction, spare: int, *, is_new: bool
-    ) -> tuple[Fit, BankUpdate]:
-        """One hypothesis after ``rows``, about the shape that it agrees with them on."""
-        before, channels = bank.one(number), channels_of(rows.channels(at))
-        is_doubted = channels.is_in(bank.doubts[number])
-        is_used, limits = ~is_doubted, channels.limits(self._rules.gate)
-        first, share = at, self._work
-        while True:
-            if len(bank.doubts) > 1:  # something is left for the others
-                share = self._work.share(min(_SHARE, max(self._work.evaluations - spare, 1)))
-            some = rows.only(np.flatnonzero(is_used))
-            fit = agree(before, some, bank.agreement, at, share, is_new=is_new)
-            at, is_new = fit.at, False
-            jacobian = rows.jacobian(at)
-            left = rows.left(at)
-            innovation = (left + jacobian @ (at.x - before.mean))[np.newaxis]
-            told = jacobian @ before.root
-            expected = (told @ told.T + rows.noise)[np.newaxis]
-            squares = channels.squares(innovation, expected)
-            is_refused = is_used & (squares[0] > limits)
-            if not fit.is_converged:
-                # Squares are not exact then; what led nowhere is refused.
-                now, then = (
-                    square_of(some.left(one), some.noise_root)
-                    + np.array([0.0, square_of(one.x - before.mean, before.root)])
-                    for one in (at, first)
-                )
-                is_hopeless = now[0] > limits.max() and now[1] > _HALFWAY * then[1]
-                is_refused = is_used & ((squares[0] > _UNSURE * limits) | is_hopeless)
-            if not is_refused.any():
-                break
-            is_used &= ~is_refused
-        square = np.array([fit.square])
-        cost = channels.cost(
-            is_used[np.newaxis],
-            (~is_used & ~is_doubted)[np.newaxis],
-            squares,
-            square,
-            self._rules.gate,
-        )
-        return fit, BankUpdate(
-            fit.known.mean[np.newaxis],
-            (fit.known.root @ fit.known.root.T)[np.newaxis],
-            is_used[np.newaxis],
-            cost,
-            innovation,
-            expected,
-            square,
-            np.array([volume_of(fit.innovation_root)]),
-        )
+    def _weight(self, bank: Bank) -> FloatArray:
+        """Probability of every hypothesis, (hypotheses,)."""
+        total = bank.contradiction + self._improbability(bank)
+        weight = np.exp(total.min() - total)
+        return np.asarray(weight / weight.sum())
 
     def _about(self, bank: Bank, root: Doubts) -> tuple[Bank, list[int]]:
         """Hypotheses of one doubt more or less than ``root``, and from which each of them is.
@@ -439,16 +424,14 @@ class Judge:
         Those that are new know what the leader does, but for what the doubted sensor told.
         """
         rules, leading = self._rules, bank.doubts[bank.leader]
-        wanted = {root: None, leading: None, _NOBODY: None}
-        wanted |= {root - {name}: None for name in sorted(root)}
         suspects = sorted(self._cells) if rules.cell_fault else []
         if rules.sensor_fault and not root:
             # All others may not be doubted at once: then it is the arm that is lost.
             suspects += sorted(bank.heard)
-        wanted |= {root | {name}: None for name in suspects}
-        if rules.cell_fault:
-            wanted[self._cells] = None
-        doubts = tuple(wanted)
+        wanted = [root, leading, _NOBODY, *(root - {name} for name in sorted(root))]
+        wanted += [root | {name} for name in suspects]
+        wanted += [self._cells] if rules.cell_fault else []
+        doubts = tuple(dict.fromkeys(wanted))
         known = {one: number for number, one in enumerate(bank.doubts)}
         sources = [known.get(one, bank.leader) for one in doubts]
         is_new = np.array([one not in known for one in doubts])
@@ -465,35 +448,25 @@ class Judge:
 
     def _widened(self, bank: Bank, is_new: NDArray[np.bool_]) -> Bank:
         """``bank`` whose new hypotheses know no more of what a doubted sensor told."""
-        believed = bank.doubts[bank.leader]
-        extra = np.zeros(bank.mean.shape)
+        believed, state = bank.doubts[bank.leader], self._model.state
+        is_told = np.zeros(bank.mean.shape, dtype=bool)
         for number in np.flatnonzero(is_new):
             doubts = bank.doubts[number]
-            told = frozenset() if doubts == self._cells else doubts - believed
-            for name in told:
-                for where in self._told_by(name):
-                    extra[number, where] = self._prior[where]
+            for name in () if doubts == self._cells else doubts - believed:
+                # What follows from this sensor before all others.
+                is_told[number, state.tip_force.start : state.current.stop] = True
+                if name in self._cells:
+                    is_told[number, self._tension[name]] = True
             if believed == self._cells != doubts:
                 # Nothing tells the leader of tensions, and load cells that are right again do.
-                tension = self._model.state.tension
-                extra[number, tension] = self._prior[tension]
-        wide = extra[..., np.newaxis] ** 2 * np.eye(self._model.state.size)
+                is_told[number, state.tension] = True
+        wide = (is_told * self._prior**2)[..., np.newaxis] * np.eye(state.size)
         return bank._replace(covariance=bank.covariance + wide)
 
-    def _told_by(self, name: str) -> list[slice]:
-        """Which components of the state follow from the sensor ``name`` before all others."""
-        state = self._model.state
-        found = [slice(state.tip_force.start, state.current.stop)]
-        if name in self._cells:
-            tendons = self._model.arm.tendon_names
-            first = state.tension.start + tendons.index(name.removeprefix(f'{LOAD_CELL} '))
-            found.append(slice(first, first + 1))
-        return found
 
-
-def _charged(bank: Bank, judged: BankUpdate) -> Bank:
-    """``bank`` after measurements as they are ``judged``."""
-    contradiction = np.minimum(bank.contradiction + judged.cost, MOST)
+def _updated(bank: Bank, update: BankUpdate) -> Bank:
+    """``bank`` after an ``update``."""
+    contradiction = np.minimum(bank.contradiction + update.cost, MOST)
     return bank._replace(
-        mean=judged.mean, covariance=judged.covariance, contradiction=contradiction
+        mean=update.mean, covariance=update.covariance, contradiction=contradiction
     )

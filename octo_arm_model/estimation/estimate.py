@@ -5,50 +5,102 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.estimation.bank import Bank
+from octo_arm_model.estimation.common_fault import CommonFault
 from octo_arm_model.estimation.gaussian import Gaussian
+from octo_arm_model.estimation.measurement import Measurement, Rows
 from octo_arm_model.estimation.model import Prediction
-from octo_arm_model.estimation.rules import Innovation
-from octo_arm_model.estimation.step import Step
+from octo_arm_model.estimation.rules import Doubts, Innovation
 from octo_arm_model.estimation.unknowns import State, facing_area
 from octo_arm_model.rod.backbone import Backbone
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Normal distribution of the state and of the shape at one time.
+    """Normal distribution of the state and of the shape at one time, and how it came about.
 
     Attributes:
         time: [s].
-        state: what the vector of the state holds.
-        mean: of the state, (n,).
-        root: root of its covariance, (n, n).
-        innovations: of the measurements of this time.
-        normalised_square: of all measurements of this time that were accepted, and of how many
-            numbers; see `Innovation`.
-        log_likelihood: of all of them, one not used as if it were at the gate.
-        elapsed: since the first time of all [s].
+        first: time of the first one of all [s].
+        measurements: made then.
+        bank: all hypotheses after.
+        known: the mean of the leader, and a covariance that holds what others think possible.
+        at: a prediction nearly of this mean.
+        innovations: of every measurement, linear ones first, then of every load cell refused; none
+            of what the leader does not use though it may be right.
+        accepted: what was used, linear measurements first.
+        normalised_square: of all that was used together, and of how many numbers.
+        log_likelihood: of all measurements; of one not used as if it were at the gate.
         doubted: names of the sensors that lie more probably than not, see `Rules`.
-        suspects: where there are none, of the fewest of which one more probably lies than not.
+        suspects: where there are none, names of the fewest of which one more probably lies.
+        contradicted_since: since when even the leader is contradicted [s]; None if it is not.
+        patience: how many times as long as usual it takes to begin anew.
+        common_fault: what may be so where sensors lie together.
+        begins_anew: whether it is of the prior and its own measurements alone.
     """
 
     time: float
-    state: State
-    mean: FloatArray
-    root: FloatArray
+    first: float
+    measurements: tuple[Measurement, ...]
+    bank: Bank
+    known: Gaussian
+    at: Prediction
     innovations: tuple[Innovation, ...]
+    accepted: tuple[Rows, ...]
     normalised_square: tuple[float, int]
     log_likelihood: float
-    elapsed: float
-    doubted: frozenset[str]
+    doubted: Doubts
     suspects: tuple[str, ...]
-    _at: Prediction = field(repr=False)
+    contradicted_since: float | None
+    patience: int
+    common_fault: CommonFault
+    begins_anew: bool
+
+    def is_lost(self, time: float, recover_after: float) -> bool:
+        """Whether it has been contradicted for so long at ``time`` [s] as to begin anew."""
+        since = self.contradicted_since
+        if since is None or not recover_after:
+            return False
+        return time - since >= self.patience * recover_after
+
+    def innovations_after(self, before: Estimate | None) -> tuple[Innovation, ...]:
+        """Those that are new after the one ``before``, which is of the same time.
+
+        What was accepted then and is refused now is new too.
+        """
+        known = {one.name: one.is_accepted for one in before.innovations} if before else {}
+        return tuple(
+            one
+            for one in self.innovations
+            if (was := known.get(one.name)) is None or (was and not one.is_accepted)
+        )
+
+    @property
+    def state(self) -> State:
+        """What the vector of the state holds."""
+        return self.at.model.state
+
+    @property
+    def mean(self) -> FloatArray:
+        """Of the state, (n,)."""
+        return self.known.mean
+
+    @property
+    def root(self) -> FloatArray:
+        """Root of the covariance of the state, (n, n)."""
+        return self.known.root
+
+    @property
+    def elapsed(self) -> float:
+        """Since the first one of all [s]."""
+        return self.time - self.first
 
     @functools.cached_property
     def prior_stddev(self) -> FloatArray:
@@ -66,15 +118,12 @@ class Estimate:
 
         To first order from a state nearby: a tenth of a standard deviation off at most.
         """
-        at = self._at
-        if at.x is self.mean:
-            return at.model.real(self.mean, at.solved)
-        return at.change.moved(at.solved, self.mean - at.x, at.model.acting(self.mean))
+        return self.at.backbone_at(self.mean)
 
     @functools.cached_property
     def pose_covariance(self) -> FloatArray:
         """Of position [m] and rotation vector [rad] of every station, (stations, 6, 6)."""
-        pose = self._at.change.pose
+        pose = self.at.change.pose
         # As one product: of many small ones calls take most of the time.
         root = (pose.reshape(-1, pose.shape[-1]) @ self.root).reshape(pose.shape)
         return root @ root.transpose(0, 2, 1)
@@ -120,28 +169,6 @@ class Estimate:
     def unlearnt(self) -> tuple[Unlearnt, ...]:
         """Directions of the state that the measurements so far have told nothing of."""
         return _unlearnt(self.root, self.prior_stddev, self.state.names)
-
-
-def estimate_of(step: Step, first: float) -> Estimate:
-    """The `Estimate` that a ``step`` is; the first one of all was at that time [s]."""
-    return estimate_at(step, first, step.known, step.at)
-
-
-def estimate_at(step: Step, first: float, known: Gaussian, at: Prediction) -> Estimate:
-    """That of what is ``known`` at the time of a ``step``, of which ``at`` nearly is the mean."""
-    return Estimate(
-        step.time,
-        at.model.state,
-        known.mean,
-        known.root,
-        step.innovations,
-        step.normalised_square,
-        step.log_likelihood,
-        step.time - first,
-        step.doubted,
-        step.suspects,
-        at,
-    )
 
 
 # Nothing was learnt where this part of the standard deviation of the prior is left.

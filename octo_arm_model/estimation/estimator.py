@@ -8,9 +8,9 @@ and Kirubarajan 2001, 11.6).
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,22 +18,22 @@ import numpy as np
 from octo_arm_model.arm.errors import MeasurementError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import check_class
-from octo_arm_model.estimation.estimate import Estimate, estimate_of
+from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.posterior import Work
 from octo_arm_model.estimation.rules import Consistency, Innovation, Rules, count_innovations
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.estimation.step import EVALUATIONS, ITERATIONS, Step, next_step
-from octo_arm_model.estimation.window import Window
+from octo_arm_model.estimation.step import EVALUATIONS, ITERATIONS, next_estimate
+
+MAX_MOMENTS = 1000  # that are kept so that measurements may come late
 
 
-class Estimated(NamedTuple):
-    """What is known after a measurement.
+class EstimatorOutput(NamedTuple):
+    """What is known after a message.
 
     Attributes:
-        estimate: by the most probable place of contact.
-        step: the newest one of its bank.
+        estimate: the newest one, by the most probable place of contact.
         hypothesis: name of this place.
         probabilities: of all of them.
         innovations: of the measurements that were added, also where they were late.
@@ -41,38 +41,36 @@ class Estimated(NamedTuple):
     """
 
     estimate: Estimate
-    step: Step
     hypothesis: str
     probabilities: Mapping[str, float]
     innovations: tuple[Innovation, ...]
     begins_anew: bool
 
 
-@dataclass(frozen=True)
-class _Moment:
-    """One time, what was measured then, and the newest step of each place of contact.
+class _Moment(NamedTuple):
+    """One time, what was measured then, and the newest estimate of each place of contact.
 
-    Attributes:
-        time: [s].
-        measurements: made then.
-        steps: of each; earlier ones where the arm had no trustworthy shape, None where it never
-            had.
-        probability: of each, zero where the arm had no trustworthy shape.
+    That is an earlier one where the arm had no trustworthy shape, None where it never had; the
+    probability is zero then.
     """
 
     time: float
     measurements: tuple[Measurement, ...]
-    steps: tuple[Step | None, ...]
+    estimates: tuple[Estimate | None, ...]
     probability: FloatArray
 
 
 class Estimator:
     """Follows one arm.
 
+    What different sensors measured at one time is judged together, whichever of their messages
+    comes first. What is late is put in its place, and what followed is done again.
+
     Attributes:
         consistency: of each kind of measurement, by its name.
         refused_since: stamp of the first message since which a sensor has been refused [ns].
         suspects: names of the fewest sensors of which one lies, where no single one is refused.
+        late: how many messages came later than the window.
         failed: at how many times the arm had no trustworthy shape.
         restarts: how often it began anew.
         origin_ns: stamp that times count from [ns]; None before the first.
@@ -101,14 +99,17 @@ class Estimator:
             raise MeasurementError('models are none, expected at least one')
         if not change_time > 0.0:
             raise MeasurementError(f'change_time is {change_time}, expected > 0 [s]')
+        if not 0.0 <= window < math.inf:
+            raise MeasurementError(f'window is {window}, expected a finite number >= 0 [s]')
         self._models, self._rules, self._change_time = dict(models), rules, change_time
-        self._window, self._length, self._late = Window(self._next, window), window, 0
+        self._window = window
+        self._moments: list[_Moment] = []
+        self._is_cut = False  # whether there were moments before these
         self._failing_since: float | None = None
-        self._work: tuple[Work, ...] = ()
         self.consistency: dict[str, Consistency] = {}
         self.refused_since: dict[str, int] = {}
         self.suspects: tuple[str, ...] = ()
-        self.failed = self.restarts = 0
+        self.late = self.failed = self.restarts = 0
         self.origin_ns: int | None = None
 
     @classmethod
@@ -118,19 +119,7 @@ class Estimator:
         """Of ``models`` of ``settings``, for measurements up to ``window`` [s] late."""
         return cls(models, settings.rules, window, settings.change_time)
 
-    @property
-    def late(self) -> int:
-        """How many measurements came too late."""
-        return self._late + self._window.late
-
-    def _is_lost(self, time: float) -> bool:
-        """Whether there has been no shape for so long that the estimate has to begin anew."""
-        if self._failing_since is None:
-            self._failing_since = time
-        after = self._rules.recover_after
-        return after > 0.0 and time - self._failing_since >= after
-
-    def add(self, stamp_ns: int, measurements: Sequence[Measurement]) -> Estimated:
+    def add(self, stamp_ns: int, measurements: Sequence[Measurement]) -> EstimatorOutput:
         """Take ``measurements`` made at ``stamp_ns`` [ns].
 
         Where it fails nothing changes but the counts.
@@ -139,78 +128,134 @@ class Estimator:
             MeasurementError: if they come too late, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape.
         """
+        for one in measurements:
+            check_class('a measurement', one, Measurement)
         origin = stamp_ns if self.origin_ns is None else self.origin_ns
         count = len(self._models)
         share = max(2, EVALUATIONS // count), max(10, ITERATIONS // count)
-        self._work = tuple(Work(*share) for _ in range(count))
-        time, is_new = 1e-9 * (stamp_ns - origin), False
+        work = [Work(*share) for _ in range(count)]
+        time, made, is_new = 1e-9 * (stamp_ns - origin), tuple(measurements), False
+        place, before = self._place(time, made)
         try:
-            added, before, newest = self._window.add(time, measurements)
+            moments = self._placed(time, made, place, before, work)
         except SolveError:
             self.failed += 1
             if not self._is_lost(time):
                 raise
-            window, late = Window(self._next, self._length), self.late
-            added, before, newest = window.add(time, measurements)
-            self._window, self._late, is_new = window, late, True
+            moments, place, before, is_new = (
+                [self._next(None, time, made, None, work)],
+                0,
+                None,
+                True,
+            )
+            self._is_cut = False
         self.origin_ns, self._failing_since = origin, None
+        added, newest = moments[place], moments[-1]
+        # The moment before the window is what a late measurement begins from.
+        since = bisect.bisect_left([one.time for one in moments], newest.time - self._window)
+        first = max(0, since - 1, len(moments) - MAX_MOMENTS)
+        self._moments, self._is_cut = moments[first:], self._is_cut or first > 0
         number = int(newest.probability.argmax())
-        step, own = newest.steps[number], added.steps[number]
-        assert step is not None
-        earlier = None if before is None else before.steps[number]
-        innovations = () if own is None else own.innovations_after(earlier)
-        begins_anew = is_new or (step.begins_anew and added is newest)
+        estimate, own = newest.estimates[number], added.estimates[number]
+        assert estimate is not None
+        innovations: tuple[Innovation, ...] = ()
+        if own is not None:
+            innovations = own.innovations_after(before and before.estimates[number])
+            self._note_refused(stamp_ns, own)
+        begins_anew = is_new or (estimate.begins_anew and added is newest)
         self.restarts += begins_anew
         count_innovations(self.consistency, stamp_ns, innovations)
-        if own is not None:
-            self._note_refused(stamp_ns, own)
         names = list(self._models)
         probabilities = dict(zip(names, newest.probability.tolist(), strict=True))
-        estimate = estimate_of(step, self._window.first)
-        return Estimated(estimate, step, names[number], probabilities, innovations, begins_anew)
+        return EstimatorOutput(estimate, names[number], probabilities, innovations, begins_anew)
 
-    def _note_refused(self, stamp_ns: int, step: Step) -> None:
-        """Note since when sensors have been refused, of which a ``step`` heard."""
-        refused = {one.name for one in step.innovations if not one.is_accepted}
+    def _is_lost(self, time: float) -> bool:
+        """Whether there has been no shape for so long that the estimate has to begin anew."""
+        if self._failing_since is None:
+            self._failing_since = time
+        after = self._rules.recover_after
+        return after > 0.0 and time - self._failing_since >= after
+
+    def _note_refused(self, stamp_ns: int, estimate: Estimate) -> None:
+        """Note since when sensors have been refused, of which an ``estimate`` heard."""
+        refused = {one.name for one in estimate.innovations if not one.is_accepted}
         for name in refused:
             self.refused_since.setdefault(name, stamp_ns)
-        heard = {name for one in step.measurements for name in one.channels(step.at)}
-        heard |= {one.name for one in step.innovations}
+        heard = {name for one in estimate.measurements for name in one.channels(estimate.at)}
+        heard |= {one.name for one in estimate.innovations}
         for name in (heard - refused) & self.refused_since.keys():
             del self.refused_since[name]
-        self.suspects = step.suspects
+        self.suspects = estimate.suspects
+
+    def _place(self, time: float, made: tuple[Measurement, ...]) -> tuple[int, _Moment | None]:
+        """Where among the moments what was ``made`` is, and the one that it is put together with.
+
+        Raises:
+            MeasurementError: if it comes later than the window.
+        """
+        moments = self._moments
+        place = bisect.bisect_right([one.time for one in moments], time)
+        # Of two sensors the one measured first may be heard second: it begins the window then.
+        if moments and not place and (self._is_cut or time < moments[-1].time - self._window):
+            self.late += 1
+            raise MeasurementError(
+                f'measured at {time:.6g} s, before the window, which begins at '
+                f'{moments[0].time:.6g} s'
+            )
+        names = {one.name for one in made}
+        # Without the moment before it one cannot be done again.
+        if place > self._is_cut and moments[place - 1].time == time:
+            if not any(one.name in names for one in moments[place - 1].measurements):
+                return place - 1, moments[place - 1]
+        return place, None
+
+    def _placed(
+        self,
+        time: float,
+        made: tuple[Measurement, ...],
+        place: int,
+        before: _Moment | None,
+        work: Sequence[Work],
+    ) -> list[_Moment]:
+        """The moments with what was ``made`` in its ``place``, and what followed done again."""
+        found = self._moments[:place]
+        if before is not None:
+            made = before.measurements + made
+        found.append(self._next(found[-1] if found else None, time, made, before, work))
+        for later in self._moments[place + (before is not None) :]:
+            found.append(self._next(found[-1], later.time, later.measurements, later, work))
+        return found
 
     def _next(
         self,
         last: _Moment | None,
         time: float,
-        measurements: tuple[Measurement, ...],
+        made: tuple[Measurement, ...],
         near: _Moment | None,
+        work: Sequence[Work],
     ) -> _Moment:
-        """From the ``last`` moment to ``time`` [s].
+        """From the ``last`` moment to ``time`` [s]; looked for from one ``near``, if any.
 
         Raises:
             SolveError: if the arm has no trustworthy shape wherever the contact is.
         """
         count = len(self._models)
         before, changed = np.full(count, 1.0 / count), 0.0
-        steps: list[Step | None] = [None] * count
+        estimates: list[Estimate | None] = [None] * count
         if last is not None:
-            before, steps = last.probability, list(last.steps)
+            before, estimates = last.probability, list(last.estimates)
             changed = -math.expm1(-(time - last.time) / self._change_time)
         likelihoods, failure = np.full(count, -math.inf), None
-        for number, (model, work) in enumerate(
-            zip(self._models.values(), self._work, strict=True)
-        ):
-            nearby = None if near is None else near.steps[number]
+        for number, model in enumerate(self._models.values()):
+            nearby = near and near.estimates[number]
             try:
-                found = next_step(
-                    model, steps[number], time, measurements, self._rules, nearby, work
+                found = next_estimate(
+                    model, estimates[number], time, made, self._rules, nearby, work[number]
                 )
             except SolveError as error:
                 failure = error
                 continue
-            steps[number] = found
+            estimates[number] = found
             likelihoods[number] = found.log_likelihood
         with np.errstate(divide='ignore'):
             logarithms = np.log((1.0 - changed) * before + changed / count) + likelihoods
@@ -218,18 +263,16 @@ class Estimator:
         if failure is not None and highest == -math.inf:
             raise failure
         probability = np.exp(logarithms - highest)
-        return _Moment(time, measurements, tuple(steps), probability / probability.sum())
+        return _Moment(time, made, tuple(estimates), probability / probability.sum())
 
 
 class Filter:
-    """The recursive estimator of one arm.
-
-    Measurements may come late, by at most the window: what followed is then done again.
+    """The recursive estimator of one arm, an `Estimator` by seconds.
 
     Attributes:
         model: the arm.
-        refused: how many measurements were refused, by name.
         innovations: of the last that were added.
+        last: the newest estimate.
     """
 
     def __init__(self, model: ArmModel, window: float = 0.0, rules: Rules = Rules()) -> None:
@@ -239,23 +282,21 @@ class Filter:
             MeasurementError: if a number is outside its range.
         """
         check_class('model', model, ArmModel)
-        check_class('rules', rules, Rules)
-        self.model = model
-        self.refused: dict[str, int] = {}
+        self.model, self._estimator = model, Estimator({'': model}, rules, window)
+        self._estimator.origin_ns = 0
         self.innovations: tuple[Innovation, ...] = ()
-        self._window: Window[Step] = Window(
-            lambda last, time, made, near: next_step(model, last, time, made, rules, near), window
-        )
+        self.last: Estimate | None = None
 
     @property
-    def last(self) -> Step | None:
-        """The newest step."""
-        return self._window.last
+    def refused(self) -> dict[str, int]:
+        """How many measurements were refused, by name."""
+        kinds = self._estimator.consistency
+        return {name: one.refused for name, one in kinds.items() if one.refused}
 
     @property
     def late(self) -> int:
         """How many measurements came later than the window."""
-        return self._window.late
+        return self._estimator.late
 
     def add(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
         """Take ``measurements`` made at ``time`` [s]; returns the newest estimate.
@@ -266,9 +307,8 @@ class Filter:
             MeasurementError: if they come later than the window, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape.
         """
-        step, before, newest = self._window.add(time, measurements)
-        self.innovations = step.innovations_after(before)
-        for one in self.innovations:
-            if not one.is_accepted:
-                self.refused[one.name] = self.refused.get(one.name, 0) + 1
-        return estimate_of(newest, self._window.first)
+        if not math.isfinite(time):
+            raise MeasurementError(f'time is {time}, expected a finite number [s]')
+        found = self._estimator.add(round(1e9 * time), measurements)
+        self.last, self.innovations = found.estimate, found.innovations
+        return found.estimate

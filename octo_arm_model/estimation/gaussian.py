@@ -39,13 +39,6 @@ class Gaussian(NamedTuple):
             raise np.linalg.LinAlgError('a covariance is not positive definite')
         return cls(mean, upper.T)
 
-    def after(self, decay: FloatArray, growth: FloatArray) -> Gaussian:
-        """Each component times ``decay``, and with a noise of standard deviation ``growth``."""
-        if not growth.any() and (decay == 1.0).all():
-            return self
-        root = lower_root(np.column_stack([decay[:, np.newaxis] * self.root, np.diag(growth)]))
-        return Gaussian(decay * self.mean, root)
-
 
 class Gain(NamedTuple):
     """What linear measurements make of a distribution.

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from octo_arm_model.arm.limits import Budget
 from octo_arm_model.arm.loads import ZERO, Loads, ScaledLoads
 from octo_arm_model.arm.validation import LARGEST, check_class
 from octo_arm_model.config.config import Config
-from octo_arm_model.estimation.tip_curvature import CurvedTip
+from octo_arm_model.estimation.tip_curvature import TipCurvature
 from octo_arm_model.estimation.unknowns import State, Unknowns, unit_loads
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import quaternion_product
@@ -47,9 +47,8 @@ class ArmModel:
         state: what the vector holds.
         solver: of the arm as described.
         loads: that act besides those of the state.
-        unit_loads: loads of magnitude one of which the state holds the magnitudes, from
-            ``state.point_forces`` to ``state.current``.
-        curved_tip: second derivatives of the position of the tip.
+        unit_loads: loads of magnitude one, whose magnitudes are ``state.unit_loads``.
+        tip_curvature: second derivatives of the position of the tip.
         tendon_compliance: by how much each tendon itself stretches [m/N], (tendons,).
     """
 
@@ -76,8 +75,8 @@ class ArmModel:
         """
         check_class('loads', loads, Loads)
         self.arm, self.loads = arm, loads
-        self.state = state = State(unknowns, arm)
-        self.curved_tip = CurvedTip(state)
+        self.state = State(unknowns, arm)
+        self.tip_curvature = TipCurvature(self.state)
         if loads.scaled:
             raise ConfigError('loads.scaled are those of the estimator itself, expected none')
         if loads.others and unknowns.log_modulus is not None:
@@ -106,7 +105,7 @@ class ArmModel:
         options.setdefault('budget', BUDGET)
         self.solver = Solver(arm, model, loads=dead, **options)
         self.tendon_compliance = arm.tendon_compliance(self.solver.rest_lengths.ravel())
-        if _has(state.tip_force) or _has(state.tip_moment):
+        if unknowns.tip_force or unknowns.tip_moment:
             self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
 
     @classmethod
@@ -132,9 +131,9 @@ class ArmModel:
     def tip_wrench(self, x: FloatArray) -> FloatArray:
         """Force and moment on the tip in ``x``, known and unknown, (6,) [N, N m]."""
         wrench = self._known_wrench.copy()
-        for part, where in ((_FORCE, self.state.tip_force), (_MOMENT, self.state.tip_moment)):
-            if _has(where):
-                wrench[part] += x[where]
+        for first, where in ((0, self.state.tip_force), (3, self.state.tip_moment)):
+            own = x[where]
+            wrench[first : first + own.size] += own
         return wrench
 
     def stiffness(self, x: FloatArray) -> float:
@@ -172,31 +171,21 @@ class ArmModel:
         ratio, state = self._set_magnitudes(x), self.state
         by = self.solver.sensitivity(backbone)
         along = self._transmitted(x) / ratio
-        lost, every = -along * x[state.tension], slice(None)
-        parts = [
-            Part(state.tension, by.by_tension, every, along),
-            Part(state.log_modulus, by.by_youngs_modulus, every, 1.0),
-            Part(state.tension_loss, by.by_tension, every, lost),
+        every = slice(None)
+        parts: list[_Part] = [
+            (state.tension, by.by_tension, every, along),
+            (state.log_modulus, by.by_youngs_modulus, every, 1.0),
+            (state.tension_loss, by.by_tension, every, -along * x[state.tension]),
         ]
         by_tip_force = None
         if by.by_tip_wrench is not None:
             by_tip_force = by.by_tip_wrench.pose[:, :, _FORCE]
-            parts.append(Part(state.tip_force, by.by_tip_wrench, _FORCE, 1.0 / ratio))
-            parts.append(Part(state.tip_moment, by.by_tip_wrench, _MOMENT, 1.0 / ratio))
+            parts.append((state.tip_force, by.by_tip_wrench, _FORCE, 1.0 / ratio))
+            parts.append((state.tip_moment, by.by_tip_wrench, _MOMENT, 1.0 / ratio))
         if self.unit_loads:
             by_loads = self.solver.sensitivity_to_loads(backbone, self.unit_loads)
-            where = slice(state.point_forces.start, state.current.stop)
-            parts.append(Part(where, by_loads, every, 1.0 / ratio))
+            parts.append((state.unit_loads, by_loads, every, 1.0 / ratio))
         return StateChange(state.size, parts, by_tip_force)
-
-    def acting(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tensions and wrench on the tip in ``x``, as those of a `Backbone`."""
-        return x[self.state.tension].reshape(self.arm.tension_shape), self.tip_wrench(x)
-
-    def real(self, x: FloatArray, backbone: Backbone) -> Backbone:
-        """``backbone`` with the tensions and the wrench on the tip of ``x``."""
-        tensions, tip_wrench = self.acting(x)
-        return dataclasses.replace(backbone, tensions=tensions, tip_wrench=tip_wrench)
 
     def _transmitted(self, x: FloatArray) -> FloatArray:
         """Tension along every tendon over that at the base, one for all where none is lost."""
@@ -207,15 +196,9 @@ class ArmModel:
         """Make the loads those of ``x``; returns the ratio of the stiffnesses."""
         ratio, state = self.stiffness(x), self.state
         if self._scaled is not None:
-            unknown = x[state.point_forces.start : state.current.stop]
             known = [1.0] if self._scales_dead else []
-            self._scaled.magnitudes = np.array([*unknown, *known]) / ratio
+            self._scaled.magnitudes = np.array([*x[state.unit_loads], *known]) / ratio
         return ratio
-
-
-def _has(part: slice) -> bool:
-    """Whether a ``part`` of a state holds anything."""
-    return bool(part.stop > part.start)
 
 
 class Prediction:
@@ -271,26 +254,43 @@ class Prediction:
         """Largest change of a coordinate of any station in the state ``x``, to first order [m]."""
         return float(np.abs(self.change.pose[:, :3] @ (x - self.x)).max())
 
+    def backbone_at(self, x: FloatArray) -> Backbone:
+        """Shape in a state ``x`` nearby, to first order, with its tensions and tip wrench."""
+        shape, by = self.solved, x - self.x
+        pose, (tau, xi, k, q) = _times(self.change.pose, by), _times(self.change.strain, by).T
+        turn = np.concatenate([0.5 * pose[:, 3:], np.ones((len(pose), 1))], axis=1)
+        quaternion = quaternion_product(turn, shape.quaternion)
+        return dataclasses.replace(
+            shape,
+            position=shape.position + pose[:, :3],
+            quaternion=quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True),
+            tau=shape.tau + tau,
+            xi=shape.xi + xi,
+            k=shape.k + k,
+            q=shape.q + q,
+            tensions=x[self.model.state.tension].reshape(self.model.arm.tension_shape),
+            tip_wrench=self.model.tip_wrench(x),
+        )
+
     @functools.cached_property
     def tip_curvature(self) -> FloatArray | None:
         """Second derivatives of the position of the tip by the state, (3, n, n).
 
-        By the geometry of the shape and its change, see `tip_curvature`; None where the model has
-        no loads.
+        None where the model has no loads.
 
         Raises:
             SolveError: as `solved`.
         """
-        change, model = self.change, self.model
-        if change.by_tip_force is None:
+        by_force, model = self.change.by_tip_force, self.model
+        if by_force is None:
             return None
         ratio = model.stiffness(self.x)
-        return model.curved_tip.by_state(self.solved, change.pose, change.by_tip_force, ratio)
+        return model.tip_curvature.by_state(self.solved, self.change.pose, by_force, ratio)
 
     def forget(self) -> None:
         """Free the memory of derivatives, which are found again where asked for."""
-        self.__dict__.pop('change', None)
-        self.__dict__.pop('tip_curvature', None)
+        for name in ('change', 'tip_curvature'):
+            self.__dict__.pop(name, None)
 
     @functools.cached_property
     def tendon_lengths(self) -> FloatArray:
@@ -298,49 +298,36 @@ class Prediction:
         return self.model.solver.tendon_lengths(self.solved).ravel()
 
 
-class Part(NamedTuple):
-    """What some components of a state do to the shape.
-
-    Attributes:
-        where: these components.
-        change: of the shape, per unit of what they change.
-        columns: of that change, one for each component.
-        scale: unit of what they change per unit of each component, one for all or for each.
-    """
-
-    where: slice
-    change: Change
-    columns: slice
-    scale: FloatArray | float
+# Components of a state, the change of the shape by what they change, the columns of that change,
+# and unit of what they change per unit of each component, one for all or for each.
+_Part = tuple[slice, Change, slice, FloatArray | float]
 
 
 class StateChange:
     """Change of the shape per unit of each component of a state, the last axis; see `Change`.
 
     Attributes:
-        by_tip_force: change of pose by forces on the tip along all axes of the arm as described,
+        by_tip_force: change of pose per newton on the tip along all axes of the arm as described,
             (stations, 6, 3); None where the model has no loads.
     """
 
     def __init__(
-        self, size: int, parts: Sequence[Part], by_tip_force: FloatArray | None = None
+        self, size: int, parts: Sequence[_Part], by_tip_force: FloatArray | None = None
     ) -> None:
-        """Of a state of ``size`` components, of which those in none of ``parts`` do nothing.
-
-        ``by_tip_force`` is the change of pose by forces of 1 N on the tip, whatever the state.
-        """
+        """Of a state of ``size`` components, of which those in none of ``parts`` do nothing."""
         self._size, self._parts, self.by_tip_force = size, parts, by_tip_force
 
     @functools.cached_property
     def pose(self) -> FloatArray:
         """Displacement [m] and rotation vector [rad] in base_frame, (stations, 6, state)."""
-        return self._chained([one.change.pose for one in self._parts])
+        return self._chained([change.pose for _, change, *_ in self._parts])
 
     @functools.cached_property
     def twist(self) -> FloatArray | None:
         """Change of the twists at the solver's nodes, (nodes, strains, state), where known."""
-        found = [one.change.twist for one in self._parts if one.change.twist is not None]
-        return self._chained(found) if len(found) == len(self._parts) else None
+        found = [change.twist for _, change, *_ in self._parts]
+        known = [one for one in found if one is not None]
+        return self._chained(known) if len(known) == len(found) else None
 
     @property
     def tip(self) -> FloatArray:
@@ -350,36 +337,12 @@ class StateChange:
     @functools.cached_property
     def strain(self) -> FloatArray:
         """Change of tau, xi, k [1/m] and q [-], (stations, 4, state)."""
-        return self._chained([one.change.strain for one in self._parts])
+        return self._chained([change.strain for _, change, *_ in self._parts])
 
     @functools.cached_property
     def tendon_length(self) -> FloatArray:
         """Change of the length of every tendon [m], (tendons, state)."""
-        return self._chained([one.change.tendon_length for one in self._parts])
-
-    def moved(
-        self, backbone: Backbone, by: FloatArray, acting: tuple[FloatArray, FloatArray]
-    ) -> Backbone:
-        """The ``backbone`` that this is the change of after a small change ``by`` of the state.
-
-        ``acting`` are the tensions and the wrench on the tip then. Stations alone: what
-        `Solver.solve` starts from stays.
-        """
-        pose, strain = _times(self.pose, by), _times(self.strain, by)
-        turn = np.concatenate([0.5 * pose[:, 3:], np.ones((len(pose), 1))], axis=1)
-        quaternion = quaternion_product(turn, backbone.quaternion)
-        tau, xi, k, q = strain.T
-        return dataclasses.replace(
-            backbone,
-            position=backbone.position + pose[:, :3],
-            quaternion=quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True),
-            tau=backbone.tau + tau,
-            xi=backbone.xi + xi,
-            k=backbone.k + k,
-            q=backbone.q + q,
-            tensions=acting[0],
-            tip_wrench=acting[1],
-        )
+        return self._chained([change.tendon_length for _, change, *_ in self._parts])
 
     def _chained(self, changes: Sequence[FloatArray]) -> FloatArray:
         found = np.zeros((*changes[0].shape[:-1], self._size))

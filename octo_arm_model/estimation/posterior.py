@@ -105,16 +105,12 @@ class Fit(NamedTuple):
     Attributes:
         known: after them.
         at: a prediction nearly of its mean, about which they were linearised.
-        innovation_root: root of the covariance of what was measured less predicted before, (m, m).
-        square: least sum of squares of noise and change of the state that explains them.
         agreement: how the innovations so far draw the most probable state.
         is_converged: whether the state is one to which the last step was short.
     """
 
     known: Gaussian
     at: Prediction
-    innovation_root: FloatArray
-    square: float
     agreement: Agreement
     is_converged: bool
 
@@ -162,14 +158,13 @@ def agree(
         SolveError: if there is no trustworthy shape on the way.
     """
     if not len(rows):
-        mean = nearest_possible(at.model, before.root, before.mean)
+        mean = nearest_possible(at.model, before)
         at = reached(at, mean, work)
-        none = np.zeros((0, 0))
-        return Fit(Gaussian(mean, before.root), at, none, 0.0, agreement, is_converged=True)
+        return Fit(Gaussian(mean, before.root), at, agreement, is_converged=True)
     if not is_new:
         try:
             if _is_nearer(before, rows, at):
-                at = reached(at, nearest_possible(at.model, before.root, before.mean), work)
+                at = reached(at, nearest_possible(at.model, before), work)
             found = Posterior(before, rows, agreement).fit(at, work)
             if found.is_converged or not work.is_left:
                 return found
@@ -270,7 +265,7 @@ class Posterior:
         wanted = x + self._before.root @ solve_lower(root, change, is_transposed=True)
         size = math.sqrt(float(change @ change) / n)
         cost = float(z @ z + left @ left + 2.0 * (local.slope @ (z - local.z)))
-        return _Step(nearest_possible(local.at.model, local.by.root, wanted), size, cost)
+        return _Step(nearest_possible(local.at.model, Gaussian(wanted, local.by.root)), size, cost)
 
     def _wanted(self, local: _Local, step: _Step) -> FloatArray:
         """The mean by a ``local`` model, from a ``step`` on."""
@@ -325,27 +320,17 @@ class Posterior:
         return off <= _OFF and float(np.linalg.norm(turned)) <= _TURNED
 
     def _concluded(self, local: _Local, step: _Step, *, is_converged: bool) -> Fit:
-        by, at = local.by, local.at
-        away = at.x - self._before.mean
-        innovation = self._rows.left(at) + self._rows.jacobian(at) @ away
-        white = solve_lower(by.innovation_root, innovation)
-        root = by.root
+        root, at = local.by.root, local.at
         if not is_converged:
             root = lower_root(np.column_stack([root, step.x - at.x]))
-        return Fit(
-            Gaussian(step.x, root),
-            at,
-            by.innovation_root,
-            float(white @ white),
-            self._agreed(local, innovation, white),
-            is_converged,
-        )
+        return Fit(Gaussian(step.x, root), at, self._agreed(local), is_converged)
 
-    def _agreed(self, local: _Local, innovation: FloatArray, white: FloatArray) -> Agreement:
+    def _agreed(self, local: _Local) -> Agreement:
         if local.bent is None:
             return self._agreement
-        by, (second, slope) = local.by, local.bent
-        shift = by.root.T @ slope
+        by, at, (second, slope) = local.by, local.at, local.bent
+        innovation = self._rows.left(at) + self._rows.jacobian(at) @ (at.x - self._before.mean)
+        white, shift = solve_lower(by.innovation_root, innovation), by.root.T @ slope
         # What it draws is a quadratic form of the innovation, whitened: of variance 2 |form|^2.
         form = solve_lower(
             by.innovation_root, (second @ (by.root @ shift)) @ by.gain @ by.innovation_root
@@ -360,15 +345,13 @@ def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(gain.T.ravel() @ second.reshape(gain.size, -1))
 
 
-def nearest_possible(model: ArmModel, root: FloatArray, mean: FloatArray) -> FloatArray:
-    """The likeliest state about ``mean``, of a covariance of ``root``, of tensions >= 0."""
-    tension = model.state.tension
-    slack = np.zeros(mean.size, dtype=bool)
-    found = mean
+def nearest_possible(model: ArmModel, known: Gaussian) -> FloatArray:
+    """The likeliest state of tensions >= 0 of what is ``known``, (n,)."""
+    tension, found = model.state.tension, known.mean
+    slack = np.zeros(found.size, dtype=bool)
     while (found[tension] < 0.0).any():
         slack[tension] |= found[tension] < 0.0
-        rows = root[slack]
-        change = np.linalg.lstsq(rows, -mean[slack], rcond=None)[0]
-        found = mean + root @ change
+        change = np.linalg.lstsq(known.root[slack], -known.mean[slack], rcond=None)[0]
+        found = known.mean + known.root @ change
         found[slack] = 0.0
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter import Parameter, refuse_unknown
+from octo_arm_model.config.parameter import ParameterGroup, refuse_unknown, stated
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.rules import GATE, Rules
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk, facing_area, place_names
@@ -27,151 +28,126 @@ TURNED = 2.0  # [rad] by which a tendon turns up to where its friction counts on
 PREFIX = 'estimator.'
 _TENSION = 0.02  # [N], where neither the arm nor the recording says how exact load cells are
 
-# Of it are the node's ROS parameters, the command line's options and a table of the manual.
-ESTIMATOR_PARAMETERS = (
-    Parameter(
-        'estimator.contact',
+
+@dataclass(frozen=True)
+class EstimatorParameters(ParameterGroup):
+    """The node's ROS parameters, the command line's options and a table of the manual."""
+
+    GROUP = 'estimator'
+
+    contact: str = stated(
         'what acts on the arm besides its known loads: tip (a force on the tip), at (a '
         'force at contact_s), somewhere (a force at one of contact_s or nowhere, by their '
         'probabilities), current (uniform, of the surrounding fluid) or none',
         'tip',
-        range=', '.join(CONTACTS),
-    ),
-    Parameter(
-        'estimator.contact_s',
+        ', '.join(CONTACTS),
+    )
+    contact_s: tuple[float, ...] = stated(
         'arc coordinates of the contact [m]; empty, with somewhere, for '
         f'{PLACES} even steps up to the tip',
         (),
-        range=f'in (0, body.length], at most {MAX_PLACES}',
+        f'in (0, body.length], at most {MAX_PLACES}',
         most=MAX_PLACES,
-    ),
-    Parameter(
-        'estimator.force_stddev',
+    )
+    force_stddev: float = stated(
         'standard deviation of each component of the force before anything is measured [N]; '
         f'0 for the force that moves the tip by {BENT:g} of the length',
         0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'estimator.force_time',
+        '>= 0',
+    )
+    force_time: float = stated(
         'correlation time of force, moment and current: how long what is found is taken to '
         'go on where nothing is measured [s]',
         1.0,
-        range='> 0',
-    ),
-    Parameter(
-        'estimator.change_time',
-        'with somewhere, mean time after which the contact is at another place [s]',
-        1.0,
-        range='> 0',
-    ),
-    Parameter(
-        'estimator.moment_stddev',
+        '> 0',
+    )
+    change_time: float = stated(
+        'with somewhere, mean time after which the contact is at another place [s]', 1.0, '> 0'
+    )
+    moment_stddev: float = stated(
         'likewise of each component of a moment on the tip, with tip [N m]; 0 for none',
         0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'estimator.current_stddev',
+        '>= 0',
+    )
+    current_stddev: float = stated(
         'likewise of the pressure of a current [Pa]; 0 for that of force_stddev over the '
         'arm seen from the side',
         0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'estimator.tension_rate',
+        '>= 0',
+    )
+    tension_rate: float = stated(
         'standard deviation of the change of each tension in a second [N]; 0 for what the '
         'tendon is pulled by at most',
         0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'estimator.tension_bias_stddev',
+        '>= 0',
+    )
+    tension_bias_stddev: float = stated(
         'standard deviation of what each load cell shows too much, constant [N]; 0 for nothing',
         0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'estimator.tension_bias_rate',
-        'standard deviation of its change in a second [N]',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'estimator.tension_loss_stddev',
+        '>= 0',
+    )
+    tension_bias_rate: float = stated(
+        'standard deviation of its change in a second [N]', 0.0, '>= 0'
+    )
+    tension_loss_stddev: float = stated(
         'standard deviation of the logarithm of the tension of each tendon at the base over '
         'that along the arm, as friction changes it, with the correlation time force_time '
         f'[-]; 0 for {TURNED:g} rad times tendons.friction',
         0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'estimator.displacement_stddev',
-        'standard deviation of tendon_displacements [m]',
-        2e-4,
-        range='> 0',
-    ),
-    Parameter(
-        'estimator.marker_s',
+        '>= 0',
+    )
+    displacement_stddev: float = stated(
+        'standard deviation of tendon_displacements [m]', 2e-4, '> 0'
+    )
+    marker_s: tuple[float, ...] = stated(
         'arc coordinates of the markers of measured/markers, from the base on [m]',
         (),
-        range=f'in [0, body.length], at most {MAX_MARKERS}',
+        f'in [0, body.length], at most {MAX_MARKERS}',
         most=MAX_MARKERS,
-    ),
-    Parameter(
-        'estimator.marker_stddev',
-        'standard deviation of each coordinate of a marker [m]',
-        1e-3,
-        range='> 0',
-    ),
-    Parameter(
-        'estimator.tip_position_stddev',
+    )
+    marker_stddev: float = stated(
+        'standard deviation of each coordinate of a marker [m]', 1e-3, '> 0'
+    )
+    tip_position_stddev: float = stated(
         'standard deviation of each coordinate of measured/tip_pose where the message has '
         'no covariance [m]; 0: such a message is refused',
         0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'estimator.tip_rotation_stddev',
-        'likewise of its rotation vector [rad]; 0: the orientation is not used',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'estimator.base_force_stddev',
+        '>= 0',
+    )
+    tip_rotation_stddev: float = stated(
+        'likewise of its rotation vector [rad]; 0: the orientation is not used', 0.0, '>= 0'
+    )
+    base_force_stddev: float = stated(
         'standard deviation of each force of measured/base_wrench [N]; 0: its messages are '
         'refused',
         0.0,
-        range='>= 0',
-    ),
-    Parameter('estimator.base_moment_stddev', 'likewise of each moment [N m]', 0.0, range='>= 0'),
-    Parameter(
-        'estimator.gate',
+        '>= 0',
+    )
+    base_moment_stddev: float = stated('likewise of each moment [N m]', 0.0, '>= 0')
+    gate: float = stated(
         'probability with which a right measurement is accepted; one that lies farther off '
         'is refused',
         GATE,
-        range='in (0, 1)',
-    ),
-    Parameter(
-        'estimator.cell_fault',
+        'in (0, 1)',
+    )
+    cell_fault: float = stated(
         'how probable it is that one load cell lies, in parts of the probability that all '
         'sensors are right: where others cannot tell, the covariance holds what would be; 0 '
         'for load cells that never lie',
         CELL_FAULT,
-        range='in [0, 1)',
-    ),
-    Parameter(
-        'estimator.sensor_fault', 'likewise of each other sensor', SENSOR_FAULT, range='in [0, 1)'
-    ),
-    Parameter('estimator.window', 'how late measurements may come [s]', 0.2, range='>= 0'),
-    Parameter(
-        'estimator.recover_after',
+        'in [0, 1)',
+    )
+    sensor_fault: float = stated('likewise of each other sensor', SENSOR_FAULT, 'in [0, 1)')
+    window: float = stated('how late measurements may come [s]', 0.2, '>= 0')
+    recover_after: float = stated(
         'for how long sensors have to contradict the estimate, whichever is doubted, for '
         'it to begin anew [s]; 0 for never',
         RECOVER_AFTER,
-        range='>= 0',
-    ),
-)
+        '>= 0',
+    )
+
+
+ESTIMATOR_PARAMETERS = EstimatorParameters.table()
 
 
 @dataclass(frozen=True)
@@ -182,14 +158,13 @@ class SensorNoise:
         tension: [N].
         model_position: of each coordinate of tip and markers, by the error of the model [m].
         model_rotation: of the rotation vector of the tip, likewise [rad].
-        given: all parameters of the estimator, without `PREFIX`: also those of other sensors, as
-            'marker_stddev', and where they are, as 'marker_s'.
+        given: all parameters of the estimator: also those of other sensors, and where they are.
     """
 
     tension: float
     model_position: float
     model_rotation: float
-    given: Mapping[str, Any]
+    given: EstimatorParameters
 
 
 class TensionStatistics(NamedTuple):
@@ -237,24 +212,25 @@ class EstimatorSettings:
             ArmDefinitionError: if a value is outside its range.
             MeasurementError: if a contact is not on the arm.
         """
-        names = [parameter.name for parameter in ESTIMATOR_PARAMETERS]
-        refuse_unknown(values, names, 'the estimator')
-        given = {
-            p.name.removeprefix(PREFIX): p.convert(values.get(p.name, p.default))
-            for p in ESTIMATOR_PARAMETERS
-        }
-        _check(given, config.arm)
-        for name in ('contact_s', 'marker_s'):  # up to rounding they are on the arm
-            given[name] = tuple(min(s, config.arm.length) for s in given[name])
-        of_rules = ('gate', 'cell_fault', 'sensor_fault', 'recover_after')
-        rules = Rules(*(given[name] for name in of_rules))
+        table, arm = ESTIMATOR_PARAMETERS, config.arm
+        refuse_unknown(values, [one.name for one in table], 'the estimator')
+        given = EstimatorParameters.of(
+            {one.name: one.convert(values.get(one.name, one.default)) for one in table}
+        )
+        _check(given, arm)
+        # Up to rounding places are on the arm.
+        contact_s, marker_s = (
+            tuple(min(s, arm.length) for s in places)
+            for places in (given.contact_s, given.marker_s)
+        )
+        given = dataclasses.replace(given, contact_s=contact_s, marker_s=marker_s)
         notes: list[str] = []
         return cls(
             _unknowns(given, config, recorded, notes),
             _noise(given, config, recorded, notes),
-            rules,
-            given['window'],
-            given['change_time'],
+            Rules(given.gate, given.cell_fault, given.sensor_fault, given.recover_after),
+            given.window,
+            given.change_time,
             tuple(notes),
         )
 
@@ -272,11 +248,9 @@ class EstimatorSettings:
         }
 
 
-def _check(given: Mapping[str, Any], arm: Arm) -> None:
-    """Check numbers against their ranges, and places against the arm."""
-    for parameter in ESTIMATOR_PARAMETERS:
-        parameter.check(given[parameter.name.removeprefix(PREFIX)])
-    contact, places = given['contact'], given['contact_s']
+def _check(given: EstimatorParameters, arm: Arm) -> None:
+    """Check places against the arm, and what a range alone does not tell."""
+    contact, places = given.contact, given.contact_s
     if contact not in CONTACTS:
         raise ConfigError(
             f'estimator.contact is {shown(contact)}, expected one of {", ".join(CONTACTS)}'
@@ -286,7 +260,7 @@ def _check(given: Mapping[str, Any], arm: Arm) -> None:
     if contact == 'at' and not places:
         raise ConfigError('estimator.contact_s is empty, expected where the arm is touched [m]')
     for name, low in (('contact_s', 'over 0'), ('marker_s', 'from 0')):
-        for s in given[name]:
+        for s in getattr(given, name):
             if not 0.0 <= s <= arm.length * (1.0 + 1e-9) or (s == 0.0 and name == 'contact_s'):
                 raise ConfigError(
                     f'estimator.{name} has {s:g}, expected {low} to {arm.length:g} m'
@@ -295,18 +269,21 @@ def _check(given: Mapping[str, Any], arm: Arm) -> None:
         raise ConfigError(
             f'estimator.contact_s is {shown(list(places))}, expected each place once'
         )
-    if not 0.0 < given['gate'] < 1.0:
-        raise ConfigError(f'estimator.gate is {given["gate"]}, expected within (0, 1)')
+    if not 0.0 < given.gate < 1.0:
+        raise ConfigError(f'estimator.gate is {given.gate}, expected within (0, 1)')
 
 
 def _unknowns(
-    given: Mapping[str, Any], config: Config, recorded: TensionStatistics | None, notes: list[str]
+    given: EstimatorParameters,
+    config: Config,
+    recorded: TensionStatistics | None,
+    notes: list[str],
 ) -> Mapping[str, Unknowns]:
     """The unknowns of every hypothesis."""
-    arm, time = config.arm, given['force_time']
+    arm, time = config.arm, given.force_time
     # Tendons that end near the tip are pulled by far less than those of the base.
     highest = default_highest(arm).ravel().tolist()
-    rate = given['tension_rate']
+    rate = given.tension_rate
     if not rate and recorded is not None and recorded.rate > 0.0:
         rate = recorded.rate
         notes.append(f'tensions change by {rate:.3g} N in a second (as fast as recorded)')
@@ -316,21 +293,21 @@ def _unknowns(
         notes.append(f'tensions change by {most} in a second (what each tendon is pulled by)')
     fixed: dict[str, Any] = {'tension': tuple(Walk(max(h, rate), rate or h) for h in highest)}
     fixed |= _slow_unknowns(given, config, notes)
-    if given['contact'] == 'none':
+    if given.contact == 'none':
         return {'none': Unknowns(**fixed)}
-    stddev = given['force_stddev'] or bending_force(arm, BENT)
-    if not given['force_stddev']:
+    stddev = given.force_stddev or bending_force(arm, BENT)
+    if not given.force_stddev:
         notes.append(f'forces of {stddev:.3g} N are expected ({BENT:g} L at the tip)')
-    if given['contact'] == 'current':
-        pressure = given['current_stddev'] or stddev / facing_area(arm)
+    if given.contact == 'current':
+        pressure = given.current_stddev or stddev / facing_area(arm)
         return {'current': Unknowns(**fixed, current=Walk.stationary(pressure, time))}
     force = Walk.stationary(stddev, time)
-    if given['contact'] == 'tip':
-        if given['moment_stddev']:
-            fixed['tip_moment'] = Walk.stationary(given['moment_stddev'], time)
+    if given.contact == 'tip':
+        if given.moment_stddev:
+            fixed['tip_moment'] = Walk.stationary(given.moment_stddev, time)
         return {'tip': Unknowns(**fixed, tip_force=force)}
-    places = given['contact_s']
-    if given['contact'] == 'at':
+    places = given.contact_s
+    if given.contact == 'at':
         points = tuple(PointForce(s, force) for s in places)
         return {'at': Unknowns(**fixed, point_forces=points)}
     # The last of them is the tip itself, whatever the length.
@@ -341,15 +318,17 @@ def _unknowns(
     return hypotheses
 
 
-def _slow_unknowns(given: Mapping[str, Any], config: Config, notes: list[str]) -> dict[str, Walk]:
+def _slow_unknowns(
+    given: EstimatorParameters, config: Config, notes: list[str]
+) -> dict[str, Walk]:
     """Those of load cells, friction and the material, which change slowly."""
     found, arm = {}, config.arm
-    if given['tension_bias_stddev']:
-        found['tension_bias'] = Walk(given['tension_bias_stddev'], given['tension_bias_rate'])
-    loss = given['tension_loss_stddev'] or TURNED * max(arm.friction, default=0.0)
+    if given.tension_bias_stddev:
+        found['tension_bias'] = Walk(given.tension_bias_stddev, given.tension_bias_rate)
+    loss = given.tension_loss_stddev or TURNED * max(arm.friction, default=0.0)
     if loss:
-        found['tension_loss'] = Walk.stationary(loss, given['force_time'])
-        if not given['tension_loss_stddev']:
+        found['tension_loss'] = Walk.stationary(loss, given.force_time)
+        if not given.tension_loss_stddev:
             notes.append(f'friction may hold back {loss:.3g} of each tension')
     if config.uncertainty.youngs_modulus:
         if arm.sheath_stiffness:
@@ -374,7 +353,10 @@ def _check_recorded(what: str, value: float, unit: str, name: str) -> None:
 
 
 def _noise(
-    given: Mapping[str, Any], config: Config, recorded: TensionStatistics | None, notes: list[str]
+    given: EstimatorParameters,
+    config: Config,
+    recorded: TensionStatistics | None,
+    notes: list[str],
 ) -> SensorNoise:
     """Noise of the sensors; that of the load cells is the arm's, or else of the recording."""
     known, tension = config.uncertainty, config.uncertainty.tension

@@ -8,6 +8,7 @@ most probable course, where measurements tell their second derivatives; see `pos
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -17,7 +18,7 @@ import numpy as np
 from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import check_class
-from octo_arm_model.estimation.estimate import Estimate, estimate_at
+from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.gaussian import (
     Gaussian,
     gain,
@@ -30,7 +31,7 @@ from octo_arm_model.estimation.measurement import Measurement, Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.posterior import gradient, nearest_possible
 from octo_arm_model.estimation.rules import Rules
-from octo_arm_model.estimation.step import Step, next_step
+from octo_arm_model.estimation.step import next_estimate
 
 MAX_RECORDED = 100_000  # times
 _MOST = 100  # passes
@@ -63,14 +64,14 @@ def smooth(
         SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
     """
     check_class('model', model, ArmModel)
-    steps: list[Step] = []
+    steps: list[Estimate] = []
     for time, measurements in recording:
         before = steps[-1].time if steps else -math.inf
         if not before <= time < math.inf:
             raise MeasurementError(f'time {time} s comes after {before} s, expected them in order')
         check_count(len(steps) + 1)
         last = steps[-1] if steps else None
-        steps.append(next_step(model, last, time, tuple(measurements), rules))
+        steps.append(next_estimate(model, last, time, tuple(measurements), rules))
         steps[-1].at.forget()
         progress(len(steps))
     return smooth_steps(model, steps)
@@ -86,7 +87,7 @@ def check_count(times: int) -> None:
         raise MeasurementError(f'more than {MAX_RECORDED} times, which is the most')
 
 
-def smooth_steps(model: ArmModel, steps: Sequence[Step]) -> list[Estimate]:
+def smooth_steps(model: ArmModel, steps: Sequence[Estimate]) -> list[Estimate]:
     """Estimates at all ``steps`` of a filter of ``model``, each from what all of them accepted.
 
     Raises:
@@ -100,7 +101,7 @@ def smooth_steps(model: ArmModel, steps: Sequence[Step]) -> list[Estimate]:
         for _ in range(_MOST):
             if about.size <= _TOLERANCE:
                 return [
-                    estimate_at(step, steps[0].time, Gaussian(at.x, known.root), at)
+                    dataclasses.replace(step, known=Gaussian(at.x, known.root), at=at)
                     for step, at, known in zip(steps, about.points, about.course, strict=True)
                 ]
             about = _next(model, steps, about)
@@ -118,7 +119,7 @@ class _Pass:
     """
 
     def __init__(
-        self, model: ArmModel, steps: Sequence[Step], points: Sequence[Prediction]
+        self, model: ArmModel, steps: Sequence[Estimate], points: Sequence[Prediction]
     ) -> None:
         self.points, none = points, [np.zeros(model.state.size)] * len(steps)
         filtered, volume = _forward(model, steps, points, none)
@@ -137,18 +138,7 @@ class _Pass:
             at.forget()
 
 
-def _prior(model: ArmModel) -> Gaussian:
-    """What is known before anything is measured."""
-    stddev = model.state.prior_stddev()
-    return Gaussian(np.zeros(stddev.size), np.diag(stddev))
-
-
-def _later(model: ArmModel, known: Gaussian, elapsed: float) -> Gaussian:
-    """What is ``known`` after ``elapsed`` [s]."""
-    return known.after(model.state.decay(elapsed), model.state.growth(elapsed))
-
-
-def _slope(step: Step, rows: Rows, at: Prediction, known: Gaussian) -> FloatArray:
+def _slope(step: Estimate, rows: Rows, at: Prediction, known: Gaussian) -> FloatArray:
     """Gradient of ln(det A) / 2 by the state at one time, (n,), with its weight."""
     second = rows.second(at)
     if second is None:
@@ -158,7 +148,7 @@ def _slope(step: Step, rows: Rows, at: Prediction, known: Gaussian) -> FloatArra
     return step.bank.agreement.weight * gradient(own.T, second)
 
 
-def _next(model: ArmModel, steps: Sequence[Step], last: _Pass) -> _Pass:
+def _next(model: ArmModel, steps: Sequence[Estimate], last: _Pass) -> _Pass:
     """As far towards the course of the ``last`` pass as makes one more probable.
 
     Raises:
@@ -182,9 +172,11 @@ def _next(model: ArmModel, steps: Sequence[Step], last: _Pass) -> _Pass:
         part *= 0.5
 
 
-def _improbability(model: ArmModel, steps: Sequence[Step], points: Sequence[Prediction]) -> float:
+def _improbability(
+    model: ArmModel, steps: Sequence[Estimate], points: Sequence[Prediction]
+) -> float:
     """Sum of squares of all changes of the state and all noise, in standard deviations."""
-    total = square_of(points[0].x, _prior(model).root)
+    total = square_of(points[0].x, model.state.prior.root)
     for (step, at), (following, after) in itertools.pairwise(zip(steps, points, strict=True)):
         elapsed = following.time - step.time
         growth = model.state.growth(elapsed)
@@ -198,7 +190,7 @@ def _improbability(model: ArmModel, steps: Sequence[Step], points: Sequence[Pred
 
 def _forward(
     model: ArmModel,
-    steps: Sequence[Step],
+    steps: Sequence[Estimate],
     points: Sequence[Prediction],
     slopes: Sequence[FloatArray],
 ) -> tuple[list[Gaussian], float]:
@@ -209,9 +201,9 @@ def _forward(
     found: list[Gaussian] = []
     volume = 0.0
     for number, (step, at, slope) in enumerate(zip(steps, points, slopes, strict=True)):
-        known = _prior(model)
+        known = model.state.prior
         if number:
-            known = _later(model, found[-1], step.time - steps[number - 1].time)
+            known = model.state.later(found[-1], step.time - steps[number - 1].time)
         for rows in step.accepted:
             jacobian = rows.jacobian(at)
             by = gain(known.root, jacobian, rows.noise_root)
@@ -223,7 +215,9 @@ def _forward(
     return found, volume
 
 
-def _smoothed(model: ArmModel, steps: Sequence[Step], filtered: list[Gaussian]) -> list[Gaussian]:
+def _smoothed(
+    model: ArmModel, steps: Sequence[Estimate], filtered: list[Gaussian]
+) -> list[Gaussian]:
     """``filtered`` distributions, each with what came later."""
     smoothed = [filtered[-1]]
     for (step, following), known in zip(
@@ -231,7 +225,7 @@ def _smoothed(model: ArmModel, steps: Sequence[Step], filtered: list[Gaussian]) 
     ):
         elapsed = following.time - step.time
         decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
-        predicted, after = _later(model, known, elapsed), smoothed[-1]
+        predicted, after = model.state.later(known, elapsed), smoothed[-1]
         across = (decay[:, np.newaxis] * known.root) @ known.root.T
         half = solve_lower(predicted.root, across)
         back = solve_lower(predicted.root, half, is_transposed=True).T
@@ -239,7 +233,4 @@ def _smoothed(model: ArmModel, steps: Sequence[Step], filtered: list[Gaussian]) 
         kept = known.root - back @ (decay[:, np.newaxis] * known.root)
         root = lower_root(np.concatenate([kept, back * growth, back @ after.root], axis=1))
         smoothed.append(Gaussian(mean, root))
-    return [
-        Gaussian(nearest_possible(model, one.root, one.mean), one.root)
-        for one in reversed(smoothed)
-    ]
+    return [one._replace(mean=nearest_possible(model, one)) for one in reversed(smoothed)]

@@ -31,18 +31,17 @@ from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.rod.backbone import Backbone
 
 _MOST = 24  # pieces of the arm: the error of the integrals is a thousandth then
+_CYCLES = (0, 1, 2), (1, 2, 0), (2, 0, 1)
 
 
-class CurvedTip:
+class TipCurvature:
     """Second derivatives of the tip by a state: where its components are among those by forces."""
 
     def __init__(self, state: State) -> None:
         """Of ``state``, whose forces on the tip come first."""
         force = np.arange(state.size)[state.tip_force]
         self._others = np.setdiff1d(np.flatnonzero(state.shapes), force)
-        each = np.concatenate([force, self._others])
-        # In a matrix (n, n) as one row.
-        self._where = (each[:, np.newaxis] * state.size + each).ravel()
+        self._each = np.concatenate([force, self._others])
         self._size, self._skipped = state.size, 3 - force.size
         self._divided = _divided(state)
 
@@ -55,88 +54,67 @@ class CurvedTip:
         6, 3) that by a force on the tip; forces of the state act divided by ``ratio``.
         """
         by = np.concatenate([by_force, pose.take(self._others, axis=2)], axis=2)
-        second = tip_curvature(backbone.position, by, backbone.tip_wrench[:3])
+        second = _second_derivatives(backbone.position, by, backbone.tip_wrench[:3])
         second[:, :3] /= ratio
         second[:, :, :3] /= ratio
-        some = second[:, self._skipped :, self._skipped :]
-        found = np.zeros((3, self._size * self._size))
-        found[:, self._where] = some.reshape(3, -1)
+        found = np.zeros((3, self._size, self._size))
+        each, some = self._each, slice(self._skipped, None)
+        found[:, each[:, np.newaxis], each] = second[:, some, some]
         one, other, divided = self._divided
-        found[:, one * self._size + other] -= pose[-1, :3].take(divided, axis=1)
-        return found.reshape(3, self._size, self._size)
+        found[:, one, other] -= pose[-1, :3].take(divided, axis=1)
+        return found
 
 
 def _divided(state: State) -> IntArray:
     """Two components of which one divides, and the one that is divided, (3, pairs)."""
-    every, pairs = np.arange(state.size), []
-    for loss, tension in zip(every[state.tension_loss], every[state.tension], strict=False):
-        pairs += [(loss, loss, loss), (loss, tension, tension), (tension, loss, tension)]
+    every = np.arange(state.size)
+    pairs = list(zip(every[state.tension_loss], every[state.tension], strict=False))
     for modulus in every[state.log_modulus]:
-        others = every[state.shapes & (every != modulus)]
-        pairs += [(modulus, modulus, modulus), *((modulus, one, one) for one in others)]
-        pairs += [(one, modulus, one) for one in others]
-    return np.array(pairs, np.intp).reshape(-1, 3).T
+        pairs += [(modulus, one) for one in every[state.shapes] if one != modulus]
+    found = [(one, one, one) for one in {divisor for divisor, _ in pairs}]
+    for divisor, one in pairs:
+        found += [(divisor, one, one), (one, divisor, one)]
+    return np.array(found, np.intp).reshape(-1, 3).T
 
 
-def tip_curvature(position: FloatArray, change: FloatArray, force: FloatArray) -> FloatArray:
-    """Second derivatives of the tip's position, (3, 3 + n, 3 + n).
+def _second_derivatives(position: FloatArray, change: FloatArray, force: FloatArray) -> FloatArray:
+    """Of the tip, (3, 3 + n, 3 + n), by forces on it along all axes, which come first, and others.
 
-    By forces on the tip along all axes, which come first, and by n quantities that are none.
     ``position`` (stations, 3) is that of stations, ``change`` (stations, 6, 3 + n) that of their
     pose by all of these, ``force`` (3,) acts on the tip.
     """
-    some = _some(len(position))
-    total = change.shape[2]
-    second = np.empty((6, total, total))
-    at = position.take(some, axis=0).T
-    by = np.ascontiguousarray(change.take(some, axis=0).transpose(1, 0, 2))
-    _add_up(at, by, force, second)
-    found = second[3:]
-    # What a unit force along each axis adds, as the one or as the other quantity.
-    by_unit = second[:3, :3]
-    found[:, :3] += by_unit.transpose(1, 0, 2)
-    found[:, :, :3] += by_unit.transpose(1, 2, 0)
-    return found
-
-
-def _add_up(at: FloatArray, change: FloatArray, force: FloatArray, second: FloatArray) -> None:
-    """Fill in the ``second`` derivatives of the tip's position, (6, columns, columns).
-
-    First D2 p, then that and D3 (F p), both (3, columns, columns). Stations are ``at`` (3,
-    stations); the ``change`` of their pose (6, stations, columns) by a unit ``force`` (3,) along
-    each axis comes first.
-    """
-    middle = 0.5 * (change[:, 1:] + change[:, :-1])
-    turn, turned = middle[3:], change[3:, 1:] - change[3:, :-1]
-    beyond = np.empty_like(turned)
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        lever_i = (at[i, -1] - 0.5 * (at[i, 1:] + at[i, :-1])).reshape(-1, 1)
-        lever_j = (at[j, -1] - 0.5 * (at[j, 1:] + at[j, :-1])).reshape(-1, 1)
-        beyond[k] = change[k, -1] - middle[k] - (turn[i] * lever_j - turn[j] * lever_i)
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        product = np.dot(turned[i].T, beyond[j]) - np.dot(turned[j].T, beyond[i])
+    ends = _ends(len(position))
+    at = position.take(ends, axis=0).T
+    by = np.ascontiguousarray(change.take(ends, axis=0).transpose(1, 0, 2))
+    middle = 0.5 * (by[:, 1:] + by[:, :-1])
+    turn, turned = middle[3:], by[3:, 1:] - by[3:, :-1]
+    lever = (at[:, -1:] - 0.5 * (at[:, 1:] + at[:, :-1]))[..., np.newaxis]
+    beyond, second = by[:3, -1:] - middle[:3], np.empty((3, *2 * change.shape[2:]))
+    for k, i, j in _CYCLES:
+        beyond[k] -= turn[i] * lever[j] - turn[j] * lever[i]
+    for k, i, j in _CYCLES:
+        product = turned[i].T @ beyond[j] - turned[j].T @ beyond[i]
         second[k] = product + product.T
-        second[3 + k] = second[k]
-    if not force.any():
-        return
-    # F (a x (b x c)) = (F b) (a c) - (F c) (a b)
-    f_turned = force[0] * turned[0] + force[1] * turned[1] + force[2] * turned[2]
-    f_beyond = force[0] * beyond[0] + force[1] * beyond[1] + force[2] * beyond[2]
-    total = change.shape[2]
-    turns = np.ascontiguousarray(turn).reshape(-1, total)
-    for i in range(3):
-        own = slice(i, i + 1)
-        along = (turn[:, :, own] * beyond + beyond[:, :, own] * turn).sum(axis=0)
-        across = (turn[:, :, own] * turned + turned[:, :, own] * turn).sum(axis=0)
-        both = f_turned[:, own] * beyond - f_beyond[:, own] * turned
-        product = np.dot(turns.T, both.reshape(-1, total))
-        product += np.dot(along.T, f_turned) - np.dot(across.T, f_beyond)
-        second[3 + i] += product + product.T
+    by_unit = second[:, :3].copy()
+    if force.any():
+        # F (a x (b x c)) = (F b) (a c) - (F c) (a b)
+        f_turned, f_beyond = (np.tensordot(force, one, axes=1) for one in (turned, beyond))
+        turns = turn.reshape(-1, turn.shape[-1])
+        for i in range(3):
+            own = slice(i, i + 1)
+            along = (turn[:, :, own] * beyond + beyond[:, :, own] * turn).sum(axis=0)
+            across = (turn[:, :, own] * turned + turned[:, :, own] * turn).sum(axis=0)
+            both = f_turned[:, own] * beyond - f_beyond[:, own] * turned
+            product = turns.T @ both.reshape(turns.shape) + along.T @ f_turned
+            product -= across.T @ f_beyond
+            second[i] += product + product.T
+    # What a unit force along each axis adds, as the one or as the other quantity.
+    second[:, :3] += by_unit.transpose(1, 0, 2)
+    second[:, :, :3] += by_unit.transpose(1, 2, 0)
+    return second
 
 
 @functools.lru_cache(maxsize=64)
-def _some(stations: int) -> IntArray:
+def _ends(stations: int) -> IntArray:
     """Numbers of those of so many ``stations`` that are the ends of pieces."""
     return np.unique(np.linspace(0, stations - 1, _MOST + 1).round().astype(np.intp))

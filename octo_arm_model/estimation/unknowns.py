@@ -16,6 +16,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.profile import Constant, Linear
 from octo_arm_model.arm.validation import LARGEST, SMALLEST, check_class
+from octo_arm_model.estimation.gaussian import Gaussian, lower_root
 
 _AXES = ('x', 'y', 'z')
 _ALONG: tuple[tuple[float, float, float], ...] = (
@@ -47,18 +48,14 @@ class Walk:
 
     def __post_init__(self) -> None:
         """Validate."""
-        for name, value, is_fine, expected in (
-            (
-                'stddev',
-                self.stddev,
-                SMALLEST <= self.stddev <= LARGEST,
-                f'{SMALLEST:g} to {LARGEST:g}',
-            ),
-            ('rate', self.rate, 0.0 <= self.rate <= LARGEST, f'0 to {LARGEST:g}'),
-            ('correlation_time', self.correlation_time, self.correlation_time > 0.0, '> 0 [s]'),
-        ):
-            if not is_fine:
+        for name, value, least in (('stddev', self.stddev, SMALLEST), ('rate', self.rate, 0.0)):
+            if not least <= value <= LARGEST:
+                expected = f'{least:g} to {LARGEST:g}'
                 raise MeasurementError(f'{name} of a walk is {value}, expected {expected}')
+        if not self.correlation_time > 0.0:
+            raise MeasurementError(
+                f'correlation_time of a walk is {self.correlation_time}, expected > 0 [s]'
+            )
 
     @classmethod
     def stationary(cls, stddev: float, correlation_time: float) -> Walk:
@@ -126,6 +123,8 @@ class State:
         shapes: whether the shape depends on a component, (n,).
         tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus,
         tension_loss: where each is in the vector; empty slices for what is not estimated.
+        unit_loads: where the magnitudes of `unit_loads` are.
+        is_geometric: whether all that the shape depends on is in `TipCurvature` but for sections.
     """
 
     def __init__(self, unknowns: Unknowns, arm: Arm) -> None:
@@ -156,6 +155,7 @@ class State:
             self._add(f'force at {place}', point.force, _AXES)
         self.point_forces = slice(start, len(self.names))
         self.current = self._add('current', unknowns.current, _AXES)
+        self.unit_loads = slice(start, len(self.names))
         self.log_modulus = self._add('log_modulus', unknowns.log_modulus, ('E',))
         self.tension_loss = self._add('tension_loss', unknowns.tension_loss, arm.tendon_names)
         self.size = len(self.names)
@@ -187,9 +187,22 @@ class State:
             self._walks += walks
         return slice(start, len(self.names))
 
+    @property
+    def prior(self) -> Gaussian:
+        """What is known before anything is measured."""
+        return Gaussian(np.zeros(self.size), np.diag(self._stddev))
+
     def prior_stddev(self, elapsed: float = 0.0) -> FloatArray:
         """Standard deviation of every component ``elapsed`` [s] after the start, unmeasured."""
         return np.hypot(self._stddev * self.decay(elapsed), self.growth(elapsed))
+
+    def later(self, known: Gaussian, elapsed: float) -> Gaussian:
+        """What was ``known`` ``elapsed`` [s] ago."""
+        decay, growth = self.decay(elapsed), self.growth(elapsed)
+        if not growth.any() and (decay == 1.0).all():
+            return known
+        root = lower_root(np.column_stack([decay[:, np.newaxis] * known.root, np.diag(growth)]))
+        return Gaussian(decay * known.mean, root)
 
     def decay(self, elapsed: float) -> FloatArray:
         """What is left of every component after ``elapsed`` [s]."""

@@ -13,11 +13,10 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.sensor_topics import StampedMeasurement
 from octo_arm_model.config.files import CsvFiles
 from octo_arm_model.estimation.estimate import Contact, Estimate, contact_of
-from octo_arm_model.estimation.estimator import Estimated, Estimator
+from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.rules import Consistency, count_innovations
 from octo_arm_model.estimation.smoother import check_count, smooth_steps
-from octo_arm_model.estimation.step import Step
 from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.camera import CameraErrors
 from octo_arm_model.experiment.sensor_recording import SensorRecording
@@ -29,7 +28,7 @@ Group = Sequence[StampedMeasurement]  # what has the same stamp
 
 def _filtered(
     recorded: SensorRecording, failures: Refusals, progress: Callable[[int, int], None]
-) -> Iterator[tuple[Group, Estimated]]:
+) -> Iterator[tuple[Group, EstimatorOutput]]:
     """Estimates by the recursive filter, of what was measured up to each time.
 
     Where measurements of one time give no estimate they are left out, and are ``failures``.
@@ -45,8 +44,8 @@ def _filtered(
 
 
 def _smoothed(
-    filtered: Iterable[tuple[Group, Estimated]], models: Mapping[str, ArmModel]
-) -> Iterator[tuple[Group, Estimated]]:
+    filtered: Iterable[tuple[Group, EstimatorOutput]], models: Mapping[str, ArmModel]
+) -> Iterator[tuple[Group, EstimatorOutput]]:
     """Estimates by the smoother, each of all that the filter used.
 
     Where the filter begins anew so does the smoother: the measurements before belong to a state
@@ -58,18 +57,17 @@ def _smoothed(
             '--smooth goes with one place of contact, not with --contact somewhere'
         )
     ((name, model),) = models.items()
-    parts: list[list[tuple[Group, Step]]] = [[]]
+    parts: list[list[tuple[Group, Estimate]]] = [[]]
     for group, one in filtered:
         if one.begins_anew:
             parts.append([])
-        one.step.at.forget()
-        parts[-1].append((group, one.step))
+        one.estimate.at.forget()
+        parts[-1].append((group, one.estimate))
     for number, part in enumerate(parts):
         estimates = smooth_steps(model, [step for _, step in part])
-        for (group, step), estimate in zip(part, estimates, strict=True):
+        for (group, _), estimate in zip(part, estimates, strict=True):
             begins = number > 0 and estimate is estimates[0]
-            found = estimate, step, name, {name: 1.0}, estimate.innovations, begins
-            yield group, Estimated(*found)
+            yield group, EstimatorOutput(estimate, name, {name: 1.0}, estimate.innovations, begins)
 
 
 SURE = 0.999  # probability of no false alarm at one time
@@ -107,7 +105,7 @@ class Moment(NamedTuple):
     is_significant: bool
 
 
-def _moment_of(group: Group, one: Estimated, recorded: SensorRecording) -> Moment:
+def _moment_of(group: Group, one: EstimatorOutput, recorded: SensorRecording) -> Moment:
     """Tip, contact and their deviations by ``one`` estimate, of what a ``group`` measured."""
     estimate, stamp = one.estimate, group[0].stamp_ns
     tip_stddev = np.sqrt(np.diag(estimate.pose_covariance[-1]))[:3]
@@ -215,7 +213,7 @@ class Result:
 def estimate(
     recorded: SensorRecording,
     is_smooth: bool = False,
-    write: Callable[[Moment, Estimated], None] = lambda moment, one: None,
+    write: Callable[[Moment, EstimatorOutput], None] = lambda moment, one: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Result:
     """Estimates of all times, of which ``write`` is called with each.
@@ -310,7 +308,7 @@ class EstimateTables(CsvFiles):
             ]
         )
 
-    def write(self, moment: Moment, one: Estimated) -> None:
+    def write(self, moment: Moment, one: EstimatorOutput) -> None:
         """Write ``one`` estimate; OSError if it cannot be written."""
         time, estimate = round(moment.time, 9), one.estimate
         at = _besides_contact(estimate.state)

@@ -189,7 +189,7 @@ def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> measure
     if not found:
         raise TensionError('it has no displacements')
     return measurements.TendonDisplacements(
-        list(found.values()), arm.noise.given['displacement_stddev'], tuple(found)
+        list(found.values()), arm.noise.given.displacement_stddev, tuple(found)
     )
 
 
@@ -222,7 +222,7 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
         )
     for part, what in ((slice(0, 3), 'position'), (slice(3, 6), 'rotation')):
         if not own[part, part].any():
-            own[part, part] = noise.given[f'tip_{what}_stddev'] ** 2 * np.eye(3)
+            own[part, part] = getattr(noise.given, f'tip_{what}_stddev') ** 2 * np.eye(3)
     if not own[:3, :3].any():
         raise MeasurementError(
             'its covariance is zero and estimator.tip_position_stddev is 0: its noise is not known'
@@ -253,7 +253,7 @@ def markers_of(
         TensionError: if there is no such field.
     """
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
-    places = noise.given['marker_s']
+    places = noise.given.marker_s
     if not places:
         raise MeasurementError(
             'estimator.marker_s is empty: where the markers are on the arm is not known'
@@ -270,14 +270,14 @@ def markers_of(
     if not seen.any():
         raise MeasurementError('it shows no marker')
     s = np.array(places)[seen]
-    stddev = float(np.hypot(noise.given['marker_stddev'], noise.model_position))
+    stddev = float(np.hypot(noise.given.marker_stddev, noise.model_position))
     shown = magnitudes('markers: value', points[seen])
     return measurements.Markers(s, rotation.apply(shown) + origin, stddev)
 
 
 def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
-    stddevs = [noise.given[f'base_{part}_stddev'] for part in ('force', 'moment')]
+    stddevs = [getattr(noise.given, f'base_{part}_stddev') for part in ('force', 'moment')]
     if not all(stddevs):
         raise MeasurementError(
             'estimator.base_force_stddev or base_moment_stddev is 0: its noise is not known'

@@ -12,7 +12,7 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
 from octo_arm_model import Backbone, Solver
 from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveError
-from octo_arm_model.estimation.estimator import Estimated, Estimator, Filter
+from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput, Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import BUDGET, ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
@@ -340,7 +340,7 @@ def tracker(**options: float) -> Estimator:
 
 def steps(
     of: Estimator, numbers: Iterable[int], sensors: Iterable[Sensor], *, is_moved: bool = False
-) -> list[Estimated]:
+) -> list[EstimatorOutput]:
     """What ``sensors`` measure at each step, one after the other; what comes of each."""
     shape, tensions = (MOVED, TENSIONS + JUMP) if is_moved else (CALM, TENSIONS)
     return [
@@ -350,7 +350,7 @@ def steps(
     ]
 
 
-def assert_is(tracked: Estimated, shape: Backbone) -> None:
+def assert_is(tracked: EstimatorOutput, shape: Backbone) -> None:
     """The estimate is ``shape`` within its bounds, which are narrow."""
     estimate = tracked.estimate
     for station in (15, 30):

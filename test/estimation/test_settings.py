@@ -120,7 +120,7 @@ def test_what_is_beyond_the_tip_by_rounding_is_at_the_tip():
     beyond = LENGTH * (1.0 + 5e-10)
     found = settings(contact='at', contact_s=[beyond], marker_s=[0.1, beyond])
     assert found.unknowns['at'].point_forces[0].s == LENGTH
-    assert found.noise.given['marker_s'] == (0.1, LENGTH)
+    assert found.noise.given.marker_s == (0.1, LENGTH)
     assert check_marker_s([0.1, beyond], LENGTH).tolist() == [0.1, LENGTH]
 
 

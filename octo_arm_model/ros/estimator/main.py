@@ -20,7 +20,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameters import PARAMETERS
-from octo_arm_model.estimation.estimator import Estimated, Estimator
+from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
 from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.estimation.measurements import Tensions
 from octo_arm_model.estimation.model import ArmModel
@@ -255,7 +255,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         super()._refuse(topic, error)
         self._status.refused(topic, error)
 
-    def _tell_of_refused(self, found: Estimated) -> None:
+    def _tell_of_refused(self, found: EstimatorOutput) -> None:
         """Warn of sensors that are not believed, by their names."""
         for one in found.innovations:
             if not one.is_accepted:

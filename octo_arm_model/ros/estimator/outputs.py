@@ -9,7 +9,7 @@ from rclpy.node import Node
 from octo_arm_model.arm.errors import OctoArmError, in_short
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.estimate import NO_CONTACT, Estimate, contact_of
-from octo_arm_model.estimation.estimator import Estimated, Estimator
+from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
 from octo_arm_model.estimation.rules import Consistency
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.rod.solver import Solver
@@ -37,12 +37,12 @@ class EstimateStatus:
     def follow(self, estimator: Estimator | None, config: Config | None) -> None:
         """Report of ``estimator`` from now on; None while there is none."""
         self._estimator, self._config = estimator, config
-        self._found: Estimated | None = None
+        self._found: EstimatorOutput | None = None
         self._newest_ns = 0
         self._late = self._restarts = 0
         self._used, self._unused, self._reason = 0, 0, ''
 
-    def add(self, found: Estimated, stamp_ns: int) -> None:
+    def add(self, found: EstimatorOutput, stamp_ns: int) -> None:
         """Note what came of a measurement, and the newest stamp."""
         self._newest_ns = stamp_ns
         self._found = found
@@ -102,7 +102,7 @@ class EstimateStatus:
         values['not observable'] = reasons[:_LONGEST]
         return make_status('estimate', DiagnosticStatus.WARN, '; '.join(problems), fine, values)
 
-    def _contact(self, found: Estimated, config: Config) -> dict[str, object]:
+    def _contact(self, found: EstimatorOutput, config: Config) -> dict[str, object]:
         contact = contact_of(found.estimate, config.arm)
         if contact is None:
             return {}
