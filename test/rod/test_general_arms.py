@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-import yaml
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
 from scipy.optimize import brentq
@@ -38,7 +37,6 @@ from octo_arm_model import (
     TensionError,
     Uncertainty,
     displacements_of,
-    load_config,
     modes,
     solve_displacements,
 )
@@ -112,47 +110,36 @@ def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat():
         solver.solve([0.4, 0.1, 0.0, -0.6, 0.0, 0.2, 0.3])
 
 
-# In YAML ----------------------------------------------------------------------------------------
-
-PLAIN = {
-    'model': 'exact',
-    'material': {'youngs_modulus': 1.5e5, 'poisson_ratio': 0.4},
-    'body': {'length': 0.3, 'radius_base': 0.012, 'radius_tip': 0.006},
-    'sections': {'anchorage': [0.3], 'offset_base': [0.004], 'offset_anchorage': [0.004]},
-}
+# In a file --------------------------------------------------------------------------------------
 
 
-def test_yaml_says_everything_but_functions(tmp_path):
-    changes = {
-        'material': {
-            'table_s': [0.0, 0.1, 0.3],
-            'table_youngs_modulus': [2e5, 1e5, 1e5],
-            'table_poisson_ratio': [0.5, 0.4, 0.4],
-            'density': 1080.0,
-            'youngs_modulus_stddev': 0.05,
-        },
-        'body': {'length': 0.3, 'table_s': [0.0, 0.2, 0.3], 'table_radius': [0.02, 0.01, 0.006]},
-        'sections': {'anchorage': [0.3, 0.2], 'tendons': [1, 2]},
-        'tendons': {
-            'table_s': [0.0, 0.3],
-            'table_offset': [0.005, 0.004, 0.003, 0.003, 0.002, 0.002],
-            'table_angle': [0.0, 2.0, 1.0, 1.0, 3.0, 3.0],
-        },
-        'loads': {
-            'gravity': [0.0, 0.0, -9.81],
-            'fluid_density': 1000.0,
-            'tip_force': [0.0, 0.001, 0.0],
-            'tip_moment': [0.0, 0.0, 1e-5],
-            'point_s': [0.1, 0.2],
-            'point_force': [0.0, 0.0, 0.01, 0.0, 0.01, 0.0],
-            'distributed_s': [0.0, 0.1],
-            'distributed_force': [0.0, 0.0, 0.1, 0.0, 0.0, 0.0],
-        },
+def test_a_file_says_everything_but_functions():
+    values = {
+        'model': 'exact',
+        'material.table_s': [0.0, 0.1, 0.3],
+        'material.table_youngs_modulus': [2e5, 1e5, 1e5],
+        'material.table_poisson_ratio': [0.5, 0.4, 0.4],
+        'material.density': 1080.0,
+        'material.youngs_modulus_stddev': 0.05,
+        'body.length': 0.3,
+        'body.table_s': [0.0, 0.2, 0.3],
+        'body.table_radius': [0.02, 0.01, 0.006],
+        'sections.anchorage': [0.3, 0.2],
+        'sections.tendons': [1, 2],
+        'tendons.table_s': [0.0, 0.3],
+        'tendons.table_offset': [0.005, 0.004, 0.003, 0.003, 0.002, 0.002],
+        'tendons.table_angle': [0.0, 2.0, 1.0, 1.0, 3.0, 3.0],
+        'loads.gravity': [0.0, 0.0, -9.81],
+        'loads.fluid_density': 1000.0,
+        'loads.tip_force': [0.0, 0.001, 0.0],
+        'loads.tip_moment': [0.0, 0.0, 1e-5],
+        'loads.point_s': [0.1, 0.2],
+        'loads.point_force': [0.0, 0.0, 0.01, 0.0, 0.01, 0.0],
+        'loads.distributed_s': [0.0, 0.1],
+        'loads.distributed_force': [0.0, 0.0, 0.1, 0.0, 0.0, 0.0],
         'tension_stddev': 0.1,
     }
-    path = tmp_path / 'arm.yaml'
-    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': PLAIN | changes}}))
-    config = load_config(path)
+    config = Config.from_parameters(values)
     arm = config.arm
     assert arm.tension_shape == (3,)
     assert arm.tendon_section.tolist() == [1, 2, 2]
@@ -187,10 +174,9 @@ BENDING = {
 
 
 @pytest.mark.parametrize('name', BENDING)
-@pytest.mark.parametrize('compiled', [False, None], ids=['arrays', 'installed'])
-def test_each_tendon_bends_by_the_stiffness_about_its_axis(name, compiled):
+def test_each_tendon_bends_by_the_stiffness_about_its_axis(name):
     arm, (about_n, about_b) = BENDING[name]
-    solver = Solver(arm, 'exact', material='linear', compiled=compiled)
+    solver = Solver(arm, 'exact', material='linear')
     for tensions, xi, k in (([2.0, 0, 0, 0], 0.0, 1.0), ([0, 2.0, 0, 0], -1.0, 0.0)):
         found = solver.solve([tensions])
         stretch = 1.0 + found.q
@@ -198,7 +184,7 @@ def test_each_tendon_bends_by_the_stiffness_about_its_axis(name, compiled):
         assert_allclose(stretch * found.xi, xi * moment / about_n, rtol=1e-9)
         assert_allclose(stretch * found.k, k * moment / about_b, rtol=1e-9)
     # The paper's balance leaves out terms in the square of the curvature alone.
-    close = Solver(arm, 'closed_form', compiled=compiled).solve([[2e-3, 1e-3, 0.0, 0.0]])
+    close = Solver(arm, 'closed_form').solve([[2e-3, 1e-3, 0.0, 0.0]])
     assert_allclose(close.k[-1], 2e-3 * OFFSET / about_b, rtol=1e-4)
     assert_allclose(close.xi[-1], -1e-3 * OFFSET / about_n, rtol=1e-4)
 
@@ -287,11 +273,8 @@ HELIX = RestShape(3.0, 6.0, 20.0)
 
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean', 'closed_form'])
 def test_an_arm_without_load_has_its_shape_at_rest(law):
-    arm = dataclasses.replace(TUBE, rest=HELIX)
-    if law == 'closed_form':
-        solver = Solver(arm, 'closed_form', 31)
-    else:
-        solver = Solver(arm, 'exact', 31, material=law)
+    model, given = ('closed_form', {}) if law == 'closed_form' else ('exact', {'material': law})
+    solver = Solver(dataclasses.replace(TUBE, rest=HELIX), model, 31, **given)
     found = solver.solve(np.zeros((1, 4)))
     t, n, b = 20.0, 3.0, 6.0
     screw = np.array([[0, -b, n, 1.0], [b, 0, -t, 0], [-n, t, 0, 0], [0, 0, 0, 0]])
@@ -312,15 +295,12 @@ def test_a_table_of_curvature_bends_it_so_along_its_length():
         assert_allclose(found.xi, 1.0 + 2.0 * found.s / LENGTH, atol=1e-9)
 
 
-@pytest.mark.parametrize('compiled', [False, None], ids=['arrays', 'installed'])
 @pytest.mark.parametrize('model', ['exact', 'closed_form'])
-def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(model, compiled):
+def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(model):
     curvature, (arm, (_, bending)) = 4.0, BENDING['tube']
     bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature))
     pull = bending * curvature / OFFSET
-    solver = Solver(
-        bent, model, 21, compiled=compiled, **({'material': 'linear'} if model == 'exact' else {})
-    )
+    solver = Solver(bent, model, 21, **({'material': 'linear'} if model == 'exact' else {}))
     found = solver.solve([[pull, 0.0, 0.0, 0.0]])
     assert np.abs(found.k).max() < 1e-9 * curvature
     stretch = 1.0 - pull / (YOUNG * math.pi * 0.36e-6)
@@ -386,6 +366,14 @@ def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring():
 def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm, what):
     with pytest.raises(ConfigError, match=f"'renda2012', which does not cover {what}"):
         Solver(arm, 'renda2012')
+
+
+@pytest.mark.parametrize('model', ['renda2012', 'closed_form'])
+def test_what_goes_with_exact_alone_is_refused_of_the_papers_models(table4, model):
+    for name, value in (('discs', Discs.evenly(5, 0.45)), ('sheath_stiffness', (1e5,))):
+        arm = dataclasses.replace(table4.arm, **{name: value})
+        with pytest.raises(ConfigError, match=rf'tendons\.{name} goes with model exact'):
+            Solver(arm, model)
 
 
 @pytest.mark.parametrize(
@@ -459,7 +447,7 @@ def test_impossible_arms_name_field_value_and_expectation(build, message):
     assert str(refusal.value).startswith(message)
 
 
-# In a file --------------------------------------------------------------------------------------
+# Sections in a file ------------------------------------------------------------------------------
 
 THIN = {
     'model': 'exact',
