@@ -9,16 +9,13 @@ from typing import Any
 
 import numpy as np
 from experiments import PARAMETERS
-from rosbags.rosbag2 import StoragePlugin, Writer
+from recordings import START, TYPES, header, make, message, point, write_bag
 from rosbags.typesys import get_types_from_msg
-from rosbags.typesys.store import Typestore
 
 from octo_arm_model import Backbone, Config, displacements_of, solve_displacements
-from octo_arm_model.bags.types import known_types
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.rod.stations import interpolated
 
-START = 1_700_000_000 * 10**9  # [ns]
 SPOOL = 0.012  # radius [m]
 COUNTS = 4096  # of a turn of a servo
 ZERO = 2048  # counts at the unloaded arm
@@ -58,50 +55,34 @@ def trunk_shapes(turns: Sequence[Sequence[float]]) -> list[Backbone]:
     return found
 
 
-def _types() -> Typestore:
-    store = known_types()
-    if 'trunk_msgs/msg/Marker' not in store.fielddefs:
-        text = 'std_msgs/Header header\ntrunk_msgs/Marker[] markers\n'
-        store.register(get_types_from_msg(_MARKER, 'trunk_msgs/msg/Marker'))
-        store.register(get_types_from_msg(text, 'trunk_msgs/msg/Markers'))
-        text = 'std_msgs/Header header\nstring[] name\nfloat64[] angle\n'
-        store.register(get_types_from_msg(text, 'trunk_msgs/msg/Motors'))
-    return store
-
-
 def trunk_bag(path: Path, turns: Sequence[Sequence[float]], rng: np.random.Generator) -> Path:
     """Each of the poses held for 3 s: motors at 20 Hz, and markers in another order at 10 Hz."""
-    store = _types()
-
-    def header(at: int) -> Any:
-        stamp = store.types['builtin_interfaces/msg/Time'](*divmod(at, 10**9))
-        return store.types['std_msgs/msg/Header'](stamp=stamp, frame_id='arm_base')
-
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        kinds = 'trunk_msgs/msg/Motors', 'trunk_msgs/msg/Markers'
-        motors, mocap = (
-            writer.add_connection(topic, kind, typestore=store)
-            for topic, kind in zip(('/motors', '/mocap'), kinds)
-        )
-        for number, (angles, shape) in enumerate(zip(turns, trunk_shapes(turns), strict=True)):
-            points = interpolated(np.array(MARKER_S), shape.s, shape.position)
-            for step in range(60):
-                at = START + round((3.0 * number + 0.05 * step) * 1e9)
-                read = np.array(angles) + 1e-4 * rng.standard_normal(len(angles))
-                one = store.types[kinds[0]](header(at), list(MOTORS), read)
-                writer.write(motors, at, store.serialize_cdr(one, kinds[0]))
-                if step % 2:
-                    continue
-                seen = points + 1e-4 * rng.standard_normal(points.shape)
-                several = [
-                    store.types['trunk_msgs/msg/Marker'](
-                        name, store.types['geometry_msgs/msg/Point'](*place.tolist()), 0.1
-                    )
-                    for name, place in list(zip(MARKERS, seen))[::-1]
-                ]
-                two = store.types[kinds[1]](header(at), several)
-                writer.write(mocap, at, store.serialize_cdr(two, kinds[1]))
-    return path
+    motors, markers, marker = (
+        f'trunk_msgs/msg/{kind}' for kind in ('Motors', 'Markers', 'Marker')
+    )
+    if marker not in TYPES.fielddefs:
+        of_motors = 'std_msgs/Header header\nstring[] name\nfloat64[] angle\n'
+        of_markers = 'std_msgs/Header header\ntrunk_msgs/Marker[] markers\n'
+        for kind, text in ((marker, _MARKER), (motors, of_motors), (markers, of_markers)):
+            TYPES.register(get_types_from_msg(text, kind))
+    content = []
+    for number, (angles, shape) in enumerate(zip(turns, trunk_shapes(turns), strict=True)):
+        points = interpolated(np.array(MARKER_S), shape.s, shape.position)
+        for step in range(60):
+            at = START + round((3.0 * number + 0.05 * step) * 1e9)
+            fields = {'header': header(at, 'arm_base'), 'name': list(MOTORS)}
+            read = np.array(angles) + 1e-4 * rng.standard_normal(len(angles))
+            content.append(message('/motors', motors, at, **fields, angle=read))
+            if step % 2:
+                continue
+            seen = points + 1e-4 * rng.standard_normal(points.shape)
+            several = [
+                make(marker, marker_name=name, translation=point(place), residual=0.1)
+                for name, place in list(zip(MARKERS, seen))[::-1]
+            ]
+            given = {'header': header(at, 'arm_base'), 'markers': several}
+            content.append(message('/mocap', markers, at, **given))
+    return write_bag(path, content)
 
 
 def servo_poses(
@@ -137,23 +118,30 @@ def motive_csv(path: Path, times: np.ndarray, tips: np.ndarray) -> Path:
     return path
 
 
-def tube_parameters() -> dict[str, Any]:
-    """A tube of nitinol as its catalogue has it, straight, with three tendons in discs."""
+def _tube(length: float, radius: float, offset: float) -> dict[str, Any]:
+    """Parameters of a straight rod of nitinol as its catalogue has it, with three tendons."""
     return {
         'model': 'exact',
-        'stations': 41,
         'material.law': 'linear',
-        'material.youngs_modulus': 6e10,
         'material.poisson_ratio': 0.33,
-        'body.length': 0.25,
-        'body.radius_base': 1e-3,
-        'body.radius_tip': 1e-3,
+        'body.length': length,
+        'body.radius_base': radius,
+        'body.radius_tip': radius,
+        'sections.anchorage': [length],
+        'sections.tendons': [3],
+        'sections.offset_base': [offset],
+        'sections.offset_anchorage': [offset],
+    }
+
+
+def tube_parameters() -> dict[str, Any]:
+    """A tube with three tendons in discs."""
+    return {
+        **_tube(0.25, 1e-3, 0.008),
+        'stations': 41,
+        'material.youngs_modulus': 6e10,
         'body.inner_radius': 8.5e-4,
         'body.disc_radius': 0.01,
-        'sections.anchorage': [0.25],
-        'sections.tendons': [3],
-        'sections.offset_base': [0.008],
-        'sections.offset_anchorage': [0.008],
     }
 
 
@@ -173,21 +161,12 @@ def tube_csv(path: Path, rng: np.random.Generator) -> Path:
 
 
 def disc_parameters() -> dict[str, Any]:
-    """A rod of nickel-titanium with three discs, a straight tendon and two wound ones."""
+    """A rod with three discs, a straight tendon and two wound ones."""
     return {
-        'model': 'exact',
+        **_tube(0.24, 7e-4, 0.01),
         'stations': 11,
-        'material.law': 'linear',
         'material.youngs_modulus': 5.7e10,
-        'material.poisson_ratio': 0.33,
-        'body.length': 0.24,
-        'body.radius_base': 7e-4,
-        'body.radius_tip': 7e-4,
         'body.disc_radius': 0.012,
-        'sections.anchorage': [0.24],
-        'sections.tendons': [3],
-        'sections.offset_base': [0.01],
-        'sections.offset_anchorage': [0.01],
         'tendons.twist': [0.0, 3.1416, -3.1416],
         'tendons.disc_count': 3,
     }

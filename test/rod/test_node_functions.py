@@ -1,6 +1,7 @@
 """The node functions: both forms compute the same."""
 
 import contextlib
+import dataclasses
 import os
 import subprocess
 import sys
@@ -10,10 +11,11 @@ import pytest
 from numpy.testing import assert_allclose
 from rods import CASES, TENSIONS, WRENCH, forms, rod_of, twists_at
 
-from octo_arm_model import ConvergenceError
+from octo_arm_model import ConvergenceError, Discs, Loads, Solver
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.rod.equilibrium import OF_SECTIONS, Condition, Problem, balance_sections
-from octo_arm_model.rod.forms import Form
+from octo_arm_model.rod.forms import Form, is_available
 from octo_arm_model.rod.tables import AXIAL, force_scale, work_arrays
 
 CONDITION = Condition(TENSIONS, WRENCH)
@@ -45,13 +47,36 @@ def test_both_forms_compute_the_same(name, level):
         assert_allclose(second[name], one, rtol=0.0, atol=1e-12 * scale, err_msg=name)
 
 
+@pytest.mark.parametrize(
+    ('model', 'given'),
+    [
+        ('renda2012', {}),
+        ('closed_form', {}),
+        ('closed_form', {'friction': (0.3,)}),
+        ('exact', {'friction': (0.3,)}),
+        ('exact', {'friction': (0.3,), 'sheath_stiffness': (3e5,)}),
+        ('exact', {'discs': Discs.evenly(9, 0.45)}),
+    ],
+    ids=lambda value: value if isinstance(value, str) else ' '.join(value) or 'plain',
+)
+def test_both_forms_find_the_same_shape(table4, model, given):
+    pytest.importorskip('numba')
+    arm, shapes = dataclasses.replace(table4.arm.with_density(1080.0), **given), []
+    loads = Loads(gravity=(0.0, 0.0, -9.81)) if model == 'exact' else Loads()
+    tensions = (0.02 if 'discs' in given else 0.5) * np.array(FETCHING_IN_SPACE)
+    for compiled in (False, True):
+        solver = Solver(arm, model, 31, loads=loads, compiled=compiled)
+        shapes.append(solver.solve(tensions))
+    for name in ('position', 'quaternion', 'k', 'q', 'tendon_tensions'):
+        one, other = (getattr(shape, name) for shape in shapes)
+        scale = max(1.0, np.abs(one).max())
+        assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+
+
 @pytest.mark.parametrize('name', ['linear', 'neo_hookean', 'neo_hookean in sheaths'])
-@pytest.mark.parametrize('compiled', [False, True])
-def test_sections_that_said_to_be_in_balance_are(name, compiled):
+def test_sections_that_said_to_be_in_balance_are(name):
     # What their last step leaves is not looked at, but told by how they converged.
-    if compiled:
-        pytest.importorskip('numba')
-    problem, draw = rod_of(name, compiled=compiled).problem(0), np.random.default_rng(5)
+    problem, draw = rod_of(name, compiled=is_available()).problem(0), np.random.default_rng(5)
     tables, work, balanced = problem.tables, problem.work, 0
     for most in (0.02, 0.1, 0.3, 1.0):
         for _ in range(10):

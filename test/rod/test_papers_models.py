@@ -1,8 +1,5 @@
 """The paper's models: its statements by other means, properties, and derivatives."""
 
-import dataclasses
-from unittest.mock import patch
-
 import numpy as np
 import pytest
 import reference
@@ -18,7 +15,6 @@ from octo_arm_model import (
     Config,
     ConfigError,
     ConvergenceError,
-    Material,
     SolveError,
     Solver,
     TipPosition,
@@ -124,8 +120,7 @@ def solve_or_reject(solver: Solver, tensions: np.ndarray) -> Backbone:
 def test_few_stations_put_the_tip_where_many_do(case, model):
     arm, tensions = case
     few = solve_or_reject(Solver(arm, model, len(arm.sections) + 2), tensions)
-    with patch.object(papers, 'TOLERANCE', 1e-12):
-        fine = Solver(arm, model, accuracy=1e-12).solve(tensions)
+    fine = Solver(arm, model, accuracy=1e-12).solve(tensions)
     assert np.linalg.norm(few.tip - fine.tip) < 1e-6 * arm.length
 
 
@@ -145,6 +140,7 @@ def test_any_tensions_give_a_finite_shape_or_an_error(arm, model, exponent, seed
     assert (backbone.q > -1.0).all()
 
 
+@settings(max_examples=30)
 @given(LOADED, MODEL)
 def test_mirrored_tensions_mirror_the_shape(case, model):
     arm, tensions = case
@@ -167,6 +163,9 @@ def test_derivatives_by_tensions_are_those_of_differences(table4, papers_model):
     got = np.concatenate(
         [change.tip[:3], *change.strain[::10].transpose(1, 0, 2), change.tendon_length]
     )
+    # The strains depend on tensions over E alone.
+    by_young = solver.sensitivity(solver.solve(TENSIONS)).by_youngs_modulus.tip
+    assert_allclose(by_young[:, 0], -change.tip @ TENSIONS.ravel(), rtol=1e-9, atol=1e-12)
 
     def outcome(tensions):
         shape = solver.solve(tensions.reshape(3, 4))
@@ -175,17 +174,6 @@ def test_derivatives_by_tensions_are_those_of_differences(table4, papers_model):
 
     expected = jacobian(outcome, TENSIONS.ravel(), step=2e-3)
     assert_allclose(got, expected, rtol=2e-5, atol=2e-6 * np.abs(expected).max())
-
-
-def test_derivatives_by_young_are_those_of_another_material(table4, papers_model):
-    def tip(change):
-        material = Material(1.1e5 * (1.0 + change.item()), 0.5)
-        arm = dataclasses.replace(table4.arm, material=material)
-        return Solver(arm, papers_model).solve(TENSIONS).tip
-
-    solver = Solver(table4.arm, papers_model)
-    got = solver.sensitivity(solver.solve(TENSIONS)).by_youngs_modulus.tip[:3]
-    assert_allclose(got, jacobian(tip, [0.0], step=1e-3), rtol=1e-5, atol=1e-6)
 
 
 def test_covariance_is_that_of_drawn_tensions(table4, papers_model):
