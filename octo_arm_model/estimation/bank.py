@@ -295,14 +295,15 @@ class BankFilter:
         is_doubted = np.array([channels.is_in(doubts) for doubts in bank.doubts])
         if is_used is None:
             is_used = ~is_doubted & (squares <= channels.limits(self._rules.gate))
-        # Numbers that are not used are of noise alone.
+        # Numbers that are not used are independent of all, of a density of one.
         some = is_used[..., np.newaxis]
-        noise = ~some * np.diag(rows.noise.diagonal())
+        unused = ~some * np.eye(len(rows)) / (2.0 * math.pi)
         across, left = some * across, (is_used * innovation)[..., np.newaxis]
-        root = np.linalg.cholesky(some * expected * is_used[:, np.newaxis] + noise)
-        white = np.linalg.solve(root, np.concatenate([across, left], axis=-1))
-        square = (white[..., -1] ** 2).sum(axis=-1)
-        gain = np.linalg.solve(root.swapaxes(-1, -2), white)[..., :-1]
+        used = some * expected * is_used[:, np.newaxis] + unused
+        solved = np.linalg.solve(used, np.concatenate([across, left], axis=-1))
+        gain, square = solved[..., :-1], (solved[..., -1:] * left).sum(axis=(1, 2))
+        root = np.linalg.cholesky(2.0 * math.pi * used)
+        volume = 2.0 * np.log(np.einsum('hii->hi', root)).sum(axis=-1)
         mean = bank.mean + (gain * left).sum(axis=1)
         # Joseph's form, exact too where measurements are far more exact than what was known.
         covariance = bank.covariance - gain.swapaxes(-1, -2) @ across
@@ -311,8 +312,6 @@ class BankFilter:
         covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
         is_refused = ~is_used & ~is_doubted
         cost = channels.cost(is_used, is_refused, squares, square, self._rules.gate)
-        volumes = np.log(2.0 * math.pi * np.einsum('hii->hi', root) ** 2)
-        volume = (is_used * volumes).sum(axis=-1)
         return BankUpdate(mean, covariance, is_used, cost, innovation, expected, square, volume)
 
     def _fit(

@@ -21,14 +21,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.gaussian import (
-    Gain,
-    Gaussian,
-    gain,
-    lower_root,
-    solve_lower,
-    square_of,
-)
+from octo_arm_model.estimation.gaussian import Gaussian, lower_root, solve_lower, square_of
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
 
@@ -115,30 +108,6 @@ class Fit(NamedTuple):
     is_converged: bool
 
 
-class _Local(NamedTuple):
-    """What measurements predict about a state to second order, in standard deviations.
-
-    ``bent`` are the second derivatives that are known, and the gradient of the determinant.
-    """
-
-    at: Prediction
-    by: Gain
-    z: FloatArray
-    left: FloatArray
-    jacobian: FloatArray
-    second: FloatArray | None
-    slope: FloatArray
-    bent: tuple[FloatArray, FloatArray] | None
-
-
-class _Step(NamedTuple):
-    """A step from a state to ``x``: its size a component, and what is least at its start."""
-
-    x: FloatArray
-    size: float
-    cost: float
-
-
 def agree(
     before: Gaussian,
     rows: Rows,
@@ -161,19 +130,22 @@ def agree(
         mean = nearest_possible(at.model, before)
         at = reached(at, mean, work)
         return Fit(Gaussian(mean, before.root), at, agreement, is_converged=True)
+    if 'solved' not in vars(at):
+        work.take(int(at.solved.iterations))
     if not is_new:
         try:
             if _is_nearer(before, rows, at):
                 at = reached(at, nearest_possible(at.model, before), work)
-            found = Posterior(before, rows, agreement).fit(at, work)
+            found = _fit(_Local(before, rows, agreement, at), work)
             if found.is_converged or not work.is_left:
                 return found
             at = found.at
         except SolveError:
             pass  # on the way from here
     for factor in _BLURRED:
-        at = Posterior(before, rows.blurred(factor), agreement).fit(at, work, _LOOSE).at
-    return Posterior(before, rows, agreement).fit(at, work)
+        blurred = rows.blurred(factor)
+        at = _fit(_Local(before, blurred, agreement, at), work, _LOOSE).at
+    return _fit(_Local(before, rows, agreement, at), work)
 
 
 def _is_nearer(before: Gaussian, rows: Rows, at: Prediction) -> bool:
@@ -203,81 +175,82 @@ def reached(at: Prediction, x: FloatArray, work: Work) -> Prediction:
     return found
 
 
-class Posterior:
-    """What is known after measurements, of what was known before."""
+class _Step(NamedTuple):
+    """A step from a state to ``x``: its size a component, and what is least at its start."""
 
-    def __init__(self, before: Gaussian, rows: Rows, agreement: Agreement) -> None:
-        """Of what was known ``before`` and measured ``rows``."""
-        self._before, self._rows, self._agreement = before, rows, agreement
+    x: FloatArray
+    size: float
+    cost: float
 
-    def fit(self, at: Prediction, work: Work, tolerance: float = _TOLERANCE) -> Fit:
-        """The mean, from the prediction ``at`` on, as `agree`.
 
-        Raises:
-            SolveError: if there is no trustworthy shape on the way.
-        """
-        if 'solved' not in vars(at):
-            work.take(int(at.solved.iterations))
-        local = self._local(at, self._rows.left(at))
-        step = self._step(local, at.x)
-        while not self._is_last(local, step, tolerance):
-            found = self._moved(local, self._wanted(local, step), work)
-            if found is None:
-                return self._concluded(local, step, is_converged=False)
-            local = self._local(*found)
-            step = self._step(local, local.at.x)
-        return self._concluded(local, step, is_converged=True)
+class _Local:
+    """What measurements predict about a state to second order, in standard deviations."""
+
+    def __init__(
+        self,
+        before: Gaussian,
+        rows: Rows,
+        agreement: Agreement,
+        at: Prediction,
+        left: FloatArray | None = None,
+    ) -> None:
+        self.before, self.rows, self.agreement, self.at = before, rows, agreement, at
+        if left is None:
+            left = rows.left(at)
+        jacobian, second = rows.jacobian(at) @ before.root, rows.second(at)
+        white = solve_lower(rows.noise_root, np.column_stack([left, jacobian]))
+        self.z, self.left, self.jacobian = self._away(at.x), white[:, 0], white[:, 1:]
+        self.spread, self.slope = _spread(self.jacobian), np.zeros(len(before.root))
+        self.root = before.root @ self.spread  # of the covariance after them
+        # All second derivatives that are known, and the gradient of the determinant.
+        self.bent: tuple[FloatArray, FloatArray] | None = None
+        # A step by some of the second derivatives is no better than one by none.
+        self.second: FloatArray | None = None
+        if second is not None:
+            scaled = solve_lower(rows.noise_root, second.reshape(len(left), -1))
+            second = before.root.T @ scaled.reshape(second.shape) @ before.root
+            self.bent = second, gradient(self._gain(), second)
+            self.second = second if rows.is_bend_known(at) else None
+            self.slope = agreement.weight * self.bent[1]
+            far = float(np.linalg.norm(self.spread.T @ self.slope))
+            self.slope *= min(1.0, _FARTHEST / far) if far else 1.0
 
     def _away(self, x: FloatArray) -> FloatArray:
-        return solve_lower(self._before.root, x - self._before.mean)
+        return solve_lower(self.before.root, x - self.before.mean)
 
-    def _local(self, at: Prediction, left: FloatArray) -> _Local:
-        rows, root = self._rows, self._before.root
-        jacobian, second = rows.jacobian(at), rows.second(at)
-        by = gain(root, jacobian, rows.noise_root)
-        white = solve_lower(rows.noise_root, np.column_stack([left, jacobian @ root]))
-        slope, bent = np.zeros(len(root)), None
-        if second is not None:
-            bent = second, gradient(by.gain, second)
-            if self._agreement.weight:
-                slope = self._agreement.weight * (bent[1] @ root)
-                away = float(np.linalg.norm(solve_lower(root, by.root).T @ slope))
-                slope *= min(1.0, _FARTHEST / away) if away else 1.0
-            # A step by some of the second derivatives is no better than one by none.
-            if rows.is_bend_known(at):
-                scaled = solve_lower(rows.noise_root, second.reshape(len(left), -1))
-                second = root.T @ scaled.reshape(second.shape) @ root
-            else:
-                second = None
-        return _Local(at, by, self._away(at.x), white[:, 0], white[:, 1:], second, slope, bent)
+    def _gain(self) -> FloatArray:
+        return np.asarray(self.spread @ (self.jacobian @ self.spread).T)
 
-    def _step(self, local: _Local, x: FloatArray) -> _Step:
-        """The step of Gauss and Newton from ``x`` to the mean by a ``local`` model."""
-        z, left, jacobian = local.z, local.left, local.jacobian
-        n = z.size
-        if x is not local.at.x and local.second is not None:
+    def step(self, x: FloatArray | None = None) -> _Step:
+        """The step of Gauss and Newton to the mean, from ``x`` or the state itself."""
+        z, left, jacobian, spread = self.z, self.left, self.jacobian, self.spread
+        if x is None:
+            x = self.at.x
+        elif self.second is not None:
             z = self._away(x)
-            bent = local.second @ (z - local.z)
-            left = left - (jacobian + 0.5 * bent) @ (z - local.z)
+            bent = self.second @ (z - self.z)
+            left = left - (jacobian + 0.5 * bent) @ (z - self.z)
             jacobian = jacobian + bent
-        root = lower_root(np.concatenate([jacobian.T, np.eye(n)], axis=1))
-        change = solve_lower(root, jacobian.T @ left - z - local.slope)
-        wanted = x + self._before.root @ solve_lower(root, change, is_transposed=True)
-        size = math.sqrt(float(change @ change) / n)
-        cost = float(z @ z + left @ left + 2.0 * (local.slope @ (z - local.z)))
-        return _Step(nearest_possible(local.at.model, Gaussian(wanted, local.by.root)), size, cost)
+            spread = _spread(jacobian)
+        change = spread.T @ (jacobian.T @ left - z - self.slope)
+        wanted = Gaussian(x + self.before.root @ (spread @ change), self.root)
+        size = math.sqrt(float(change @ change) / z.size)
+        return _Step(nearest_possible(self.at.model, wanted), size, self._cost(z, left))
 
-    def _wanted(self, local: _Local, step: _Step) -> FloatArray:
-        """The mean by a ``local`` model, from a ``step`` on."""
-        if local.second is None:
+    def _cost(self, z: FloatArray, left: FloatArray) -> float:
+        return float(z @ z + left @ left + 2.0 * (self.slope @ (z - self.z)))
+
+    def wanted(self, step: _Step) -> FloatArray:
+        """The mean, from a ``step`` on."""
+        if self.second is None:
             return step.x
-        start = local.at.x
+        start = self.at.x
         for _ in range(_INNER):
             if step.size <= 1.0:
                 break
             for halved in range(5):
                 x = start + 0.5**halved * (step.x - start)
-                new = self._step(local, x)
+                new = self.step(x)
                 if new.cost <= step.cost:
                     break
             else:
@@ -285,59 +258,71 @@ class Posterior:
             start, step = x, new
         return step.x
 
-    def _moved(
-        self, local: _Local, wanted: FloatArray, work: Work
-    ) -> tuple[Prediction, FloatArray] | None:
+    def moved(self, wanted: FloatArray, work: Work) -> _Local | None:
         """As far towards the state ``wanted`` as makes one more probable; None if nowhere."""
-        at, before = local.at, float(local.z @ local.z + local.left @ local.left)
+        at, before = self.at, self._cost(self.z, self.left)
         part = min(1.0, _LONGEST * at.model.arm.length / max(at.distance(wanted), 1e-300))
         for _ in range(_SHORTENED):
             if not work.is_left:
                 break
             new = at.moved_to(at.x + part * (wanted - at.x))
             try:
-                left = self._rows.left(new)
+                left = self.rows.left(new)
                 work.take(int(new.solved.iterations))
-                z, white = self._away(new.x), solve_lower(self._rows.noise_root, left)
-                cost = float(z @ z + white @ white + 2.0 * (local.slope @ (z - local.z)))
+                cost = self._cost(self._away(new.x), solve_lower(self.rows.noise_root, left))
                 if cost <= before + _SLACK * wanted.size:
-                    return new, left
+                    return _Local(self.before, self.rows, self.agreement, new, left)
             except SolveError as error:
                 work.take(error.iterations if isinstance(error, ConvergenceError) else 1)
             part *= 0.5
         return None
 
-    def _is_last(self, local: _Local, step: _Step, tolerance: float) -> bool:
+    def is_last(self, step: _Step, tolerance: float) -> bool:
+        """Whether a ``step`` is short, or leads where little bends on the way."""
         if step.size <= tolerance:
             return True
-        is_straight = local.at.model.state.is_geometric and step.size <= _STRAIGHT
-        if local.second is None or not is_straight:
+        is_straight = self.at.model.state.is_geometric and step.size <= _STRAIGHT
+        if self.second is None or not is_straight:
             return False
-        change = self._away(step.x) - local.z
-        bent = local.second @ change
-        turned = bent @ solve_lower(self._before.root, local.by.root)
+        change = self._away(step.x) - self.z
+        bent = self.second @ change
         off = 0.5 * float(np.linalg.norm(bent @ change))
-        return off <= _OFF and float(np.linalg.norm(turned)) <= _TURNED
+        return off <= _OFF and float(np.linalg.norm(bent @ self.spread)) <= _TURNED
 
-    def _concluded(self, local: _Local, step: _Step, *, is_converged: bool) -> Fit:
-        root, at = local.by.root, local.at
-        if not is_converged:
-            root = lower_root(np.column_stack([root, step.x - at.x]))
-        return Fit(Gaussian(step.x, root), at, self._agreed(local), is_converged)
-
-    def _agreed(self, local: _Local) -> Agreement:
-        if local.bent is None:
-            return self._agreement
-        by, at, (second, slope) = local.by, local.at, local.bent
-        innovation = self._rows.left(at) + self._rows.jacobian(at) @ (at.x - self._before.mean)
-        white, shift = solve_lower(by.innovation_root, innovation), by.root.T @ slope
+    def agreed(self) -> Agreement:
+        """The agreement with what these measurements brought."""
+        if self.bent is None:
+            return self.agreement
+        second, slope = self.bent
+        root = lower_root(np.column_stack([self.jacobian, np.eye(len(self.left))]))
+        white = solve_lower(root, self.left + self.jacobian @ self.z)
+        shift = self.spread.T @ slope
         # What it draws is a quadratic form of the innovation, whitened: of variance 2 |form|^2.
-        form = solve_lower(
-            by.innovation_root, (second @ (by.root @ shift)) @ by.gain @ by.innovation_root
-        )
+        form = solve_lower(root, (second @ (self.spread @ shift)) @ self._gain() @ root)
         form = 0.5 * (form + form.T)
         stddev = math.sqrt(2.0) * float(np.linalg.norm(form))
-        return self._agreement.after(float(white @ form @ white), float(shift @ shift), stddev)
+        return self.agreement.after(float(white @ form @ white), float(shift @ shift), stddev)
+
+
+def _spread(jacobian: FloatArray) -> FloatArray:
+    """Root of the covariance after measurements, in standard deviations of that before."""
+    identity = np.eye(jacobian.shape[1])
+    root = lower_root(np.concatenate([jacobian.T, identity], axis=1))
+    return solve_lower(root, identity, is_transposed=True)
+
+
+def _fit(local: _Local, work: Work, tolerance: float = _TOLERANCE) -> Fit:
+    """The mean, from a ``local`` model on; SolveError if there is no trustworthy shape there."""
+    step, is_converged = local.step(), True
+    while is_converged and not local.is_last(step, tolerance):
+        if (moved := local.moved(local.wanted(step), work)) is None:
+            is_converged = False
+        else:
+            local, step = moved, moved.step()
+    root = local.root
+    if not is_converged:
+        root = lower_root(np.column_stack([root, step.x - local.at.x]))
+    return Fit(Gaussian(step.x, root), local.at, local.agreed(), is_converged)
 
 
 def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
