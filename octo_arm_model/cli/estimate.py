@@ -178,7 +178,7 @@ def as_dict(result: Result) -> dict[str, Any]:
         'restarts': list(result.restarts),
         'without_estimate': result.failures.of(''),
         'left_out': result.recorded.refusals.lines(),
-        'keeps_prior': list(result.unlearnt),
+        'keeps_prior': list(result.unobserved),
         'hypotheses': dict(result.hypotheses),
         'camera': None
         if result.camera is None
@@ -232,7 +232,7 @@ def summary(result: Result, files: Sequence[str]) -> str:
     lines += recorded.refusals.lines()
     if result.camera is not None:
         lines += _camera(result)
-    lines += [f'not observable: {reason}' for reason in result.unlearnt]
+    lines += [f'not observable: {reason}' for reason in result.unobserved]
     lines += [f'{file} written' for file in files]
     return '\n'.join(lines)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -18,7 +19,6 @@ from octo_arm_model.rod.loads import force_per_length
 from octo_arm_model.rod.stations import StationGrid
 
 _GAUSS = 4  # points of the quadrature between two stations
-_AXES = np.eye(3)
 
 
 class BaseWrench(Measurement):
@@ -51,7 +51,7 @@ class BaseWrench(Measurement):
         return np.concatenate([sums.force[:, :-1], moment])
 
 
-class _Sums:
+class _Sums(NamedTuple):
     """What loads of magnitude one sum to; the last column is that of the known loads.
 
     Attributes:
@@ -61,22 +61,9 @@ class _Sums:
             a cubic spline through the stations, (stations, 3, state + 1).
     """
 
-    def __init__(self, model: ArmModel) -> None:
-        if model.loads.others:
-            raise MeasurementError('base wrench: loads.others are not covered')
-        grid, state = model.solver.grid, model.state
-        self.moment = np.zeros((3, state.size + 1))
-        self.at_stations = np.zeros((grid.s.size, 3, state.size + 1))
-        start = state.point_forces.start
-        for column, loads in [*enumerate(model.unit_loads, start), (state.size, model.loads)]:
-            self.at_stations[..., column] = _at_stations(model.arm, grid, loads)
-            moments = [loads.tip_moment, *(point.moment for point in loads.points)]
-            self.moment[:, column] = np.sum(moments, axis=0)
-        if state.tip_force.stop > state.tip_force.start:
-            self.at_stations[-1, :, state.tip_force] = _AXES
-        if state.tip_moment.stop > state.tip_moment.start:
-            self.moment[:, state.tip_moment] = _AXES
-        self.force = self.at_stations.sum(axis=0)
+    force: FloatArray
+    moment: FloatArray
+    at_stations: FloatArray
 
 
 _KNOWN: weakref.WeakKeyDictionary[ArmModel, _Sums] = weakref.WeakKeyDictionary()
@@ -84,7 +71,19 @@ _KNOWN: weakref.WeakKeyDictionary[ArmModel, _Sums] = weakref.WeakKeyDictionary()
 
 def _sums(model: ArmModel) -> _Sums:
     if model not in _KNOWN:
-        _KNOWN[model] = _Sums(model)
+        if model.loads.others:
+            raise MeasurementError('base wrench: loads.others are not covered')
+        grid, state = model.solver.grid, model.state
+        moment = np.zeros((3, state.size + 1))
+        at_stations = np.zeros((grid.s.size, 3, state.size + 1))
+        columns = range(state.size)[state.unit_loads]
+        for column, loads in (*zip(columns, model.unit_loads), (state.size, model.loads)):
+            at_stations[..., column] = _at_stations(model.arm, grid, loads)
+            moments = [loads.tip_moment, *(point.moment for point in loads.points)]
+            moment[:, column] = np.sum(moments, axis=0)
+        np.fill_diagonal(at_stations[-1, :, state.tip_force], 1.0)
+        np.fill_diagonal(moment[:, state.tip_moment], 1.0)
+        _KNOWN[model] = _Sums(at_stations.sum(axis=0), moment, at_stations)
     return _KNOWN[model]
 
 

@@ -151,14 +151,10 @@ class Estimate:
     @property
     def tip_wrench_covariance(self) -> FloatArray:
         """Covariance of `tip_wrench`, zero of what is not estimated, (6, 6)."""
-        covariance = np.zeros((6, 6))
-        parts = (slice(0, 3), self.state.tip_force), (slice(3, 6), self.state.tip_moment)
-        for row, of_row in parts:
-            for column, of_column in parts:
-                found = self.covariance[of_row, of_column]
-                if found.size:
-                    covariance[row, column] = found
-        return covariance
+        by_state = np.zeros((6, self.state.size))
+        for first, where in ((0, self.state.tip_force), (3, self.state.tip_moment)):
+            np.fill_diagonal(by_state[first : first + 3, where], 1.0)
+        return np.asarray(by_state @ self.covariance @ by_state.T)
 
     @property
     def point_forces(self) -> FloatArray:
@@ -166,9 +162,15 @@ class Estimate:
         return self.mean[self.state.point_forces].reshape(-1, 3)
 
     @functools.cached_property
-    def unlearnt(self) -> tuple[Unlearnt, ...]:
+    def unobserved(self) -> tuple[UnobservedDirection, ...]:
         """Directions of the state that the measurements so far have told nothing of."""
-        return _unlearnt(self.root, self.prior_stddev, self.state.names)
+        prior, names = self.prior_stddev, self.state.names
+        _, left, axes = np.linalg.svd((self.root / prior[:, np.newaxis]).T, full_matrices=False)
+        return tuple(
+            UnobservedDirection(float(part), axis * prior, _in_words(axis, names))
+            for part, axis in zip(left, axes, strict=True)
+            if part >= _LEFT
+        )
 
 
 # Nothing was learnt where this part of the standard deviation of the prior is left.
@@ -176,7 +178,7 @@ _LEFT = 0.99
 _PART = 0.1  # of its largest, that a component of a direction has to be mentioned
 
 
-class Unlearnt(NamedTuple):
+class UnobservedDirection(NamedTuple):
     """A direction of the state in which nothing was learnt: there it keeps its prior.
 
     Attributes:
@@ -190,26 +192,10 @@ class Unlearnt(NamedTuple):
     reason: str
 
 
-def _unlearnt(
-    root: FloatArray, prior_stddev: FloatArray, names: Sequence[str]
-) -> tuple[Unlearnt, ...]:
-    """Where a covariance of ``root`` is still that of the prior, independent in all components."""
-    _, left, axes = np.linalg.svd((root / prior_stddev[:, np.newaxis]).T, full_matrices=False)
-    return tuple(
-        Unlearnt(float(part), axis * prior_stddev, _told(axis, names))
-        for part, axis in zip(left, axes, strict=True)
-        if part >= _LEFT
-    )
-
-
-def _told(axis: FloatArray, names: Sequence[str]) -> str:
-    """A direction in words, in standard deviations of the prior."""
-    largest = axis[np.abs(axis).argmax()]
-    words = [
-        f'{part / largest:+.2g} {name}'
-        for name, part in zip(names, axis, strict=True)
-        if abs(part / largest) >= _PART
-    ]
+def _in_words(axis: FloatArray, names: Sequence[str]) -> str:
+    """A direction in standard deviations of the prior."""
+    parts = axis / axis[np.abs(axis).argmax()]
+    words = [f'{part:+.2g} {name}' for name, part in zip(names, parts) if abs(part) >= _PART]
     if len(words) == 1:
         return f'{words[0].split(" ", 1)[1]} keeps its prior'
     return f'changed together, {", ".join(words)} keep their prior'
@@ -239,23 +225,19 @@ def contact_of(estimate: Estimate, arm: Arm) -> Contact | None:
 
     None where the state holds none of them. Known loads on the tip are part of a wrench on it.
     """
-    state = estimate.state
-    if state.tip_force.stop > state.tip_force.start or (
-        state.tip_moment.stop > state.tip_moment.start
-    ):
+    state, unknowns = estimate.state, estimate.state.unknowns
+    if unknowns.tip_force or unknowns.tip_moment:
         wrench, covariance = estimate.tip_wrench, estimate.tip_wrench_covariance
         return Contact(arm.length, wrench, covariance, is_at_tip=True)
-    if points := state.unknowns.point_forces:
-        first = slice(state.point_forces.start, state.point_forces.start + 3)
-        return _force(estimate, points[0].s, first, 1.0)
-    if state.current.stop > state.current.start:
-        return _force(estimate, math.nan, state.current, facing_area(arm))
-    return None
-
-
-def _force(estimate: Estimate, s: float, where: slice, scale: float) -> Contact:
-    """The force of ``scale`` times three components of the state."""
+    s, scale = math.nan, 1.0
+    if unknowns.point_forces:
+        s, where = unknowns.point_forces[0].s, state.point_forces
+    elif unknowns.current:
+        where, scale = state.current, facing_area(arm)
+    else:
+        return None
+    first = slice(where.start, where.start + 3)
     wrench, covariance = np.zeros(6), np.zeros((6, 6))
-    wrench[:3] = scale * estimate.mean[where]
-    covariance[:3, :3] = scale**2 * estimate.covariance[where, where]
+    wrench[:3] = scale * estimate.mean[first]
+    covariance[:3, :3] = scale**2 * estimate.covariance[first, first]
     return Contact(s, wrench, covariance)

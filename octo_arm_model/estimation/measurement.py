@@ -76,11 +76,6 @@ class Measurement(abc.ABC):
             ) from None
 
     def _check_deviations(self, noise: FloatArray) -> None:
-        """Check the standard deviations of the ``noise``.
-
-        Raises:
-            MeasurementError: if one is not within `SMALLEST` and `LARGEST`.
-        """
         wrong = noise[~((noise >= SMALLEST) & (noise <= LARGEST))]
         if wrong.size:
             raise MeasurementError(
@@ -131,12 +126,10 @@ class Rows:
     def __init__(self, measurements: Sequence[Measurement], some: IntArray | None = None) -> None:
         """Of ``measurements``, those numbers that are in ``some``; of all if None."""
         self.measurements, self._some = measurements, some
-        if some is None:
-            self.noise = _block_diagonal([one.covariance for one in measurements])
-            self.noise_root = _block_diagonal([one.noise_root for one in measurements])
-        else:
-            whole = _block_diagonal([one.covariance for one in measurements])
-            self.noise = whole[np.ix_(some, some)]
+        self.noise = _block_diagonal([one.covariance for one in measurements])
+        self.noise_root = _block_diagonal([one.noise_root for one in measurements])
+        if some is not None:
+            self.noise = self.noise[np.ix_(some, some)]
             self.noise_root = np.asarray(np.linalg.cholesky(self.noise), np.float64)
 
     def __len__(self) -> int:

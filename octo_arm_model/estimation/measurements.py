@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.errors import MeasurementError, TensionError, shown
-from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.measurement import Measurement, numbers
 from octo_arm_model.estimation.model import Prediction
 from octo_arm_model.rod.rotations import left_jacobian
@@ -34,7 +34,7 @@ __all__ = [
 LOAD_CELL = 'load cell'  # and the name of its tendon
 
 
-class _OfTendons(Measurement):
+class _TendonMeasurement(Measurement):
     """One number for each of some tendons."""
 
     def __init__(
@@ -48,24 +48,15 @@ class _OfTendons(Measurement):
         names = at.model.arm.tendon_names
         wanted = names if self._tendons is None else self._tendons
         self.check_size(len(wanted), 'one for each tendon')
-        return _numbers(self.name, names, wanted)
-
-
-@functools.lru_cache(maxsize=64)
-def _numbers(what: str, names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[int, ...]:
-    """Where tendons that are ``wanted`` are among the ``names`` of all.
-
-    Raises:
-        MeasurementError: if one is not; ``what`` is measured of it.
-    """
-    for name in wanted:
-        if name not in names:
+        if unknown := [name for name in wanted if name not in names]:
             known = ', '.join(names)
-            raise MeasurementError(f'{what}: unknown tendon {name}; this arm has {known}')
-    return tuple(names.index(name) for name in wanted)
+            raise MeasurementError(
+                f'{self.name}: unknown tendon {unknown[0]}; this arm has {known}'
+            )
+        return tuple(map(names.index, wanted))
 
 
-class Tensions(_OfTendons):
+class Tensions(_TendonMeasurement):
     """Tensions as load cells show them, bias included [N]."""
 
     name = 'tensions'
@@ -78,8 +69,7 @@ class Tensions(_OfTendons):
     def jacobian(self, at: Prediction) -> FloatArray:
         """Change of what is predicted by the state, (m, state)."""
         state = at.model.state
-        parts = [part for part in (state.tension, state.tension_bias) if part.stop > part.start]
-        return _sums(self._which(at), tuple(part.start for part in parts), state.size)
+        return _one_hot(self._which(at), (state.tension, state.tension_bias), state.size)
 
     def channels(self, at: Prediction) -> tuple[str, ...]:
         """See `Measurement`: every load cell is a sensor of its own."""
@@ -87,17 +77,16 @@ class Tensions(_OfTendons):
         return tuple(f'{LOAD_CELL} {names[number]}' for number in self._which(at))
 
 
-@functools.lru_cache(maxsize=64)
-def _sums(which: tuple[int, ...], starts: tuple[int, ...], size: int) -> FloatArray:
-    """Matrix (numbers, ``size``) of ones where the parts that begin at ``starts`` are summed."""
+def _one_hot(which: tuple[int, ...], parts: tuple[slice, ...], size: int) -> FloatArray:
+    """Matrix (numbers, ``size``) of ones where ``which`` of the ``parts`` are summed."""
     found = np.zeros((len(which), size))
-    for start in starts:
-        found[np.arange(len(which)), start + np.array(which)] = 1.0
-    found.setflags(write=False)
+    for part in parts:
+        if part.stop > part.start:
+            found[np.arange(len(which)), part.start + np.array(which)] = 1.0
     return found
 
 
-class TendonDisplacements(_OfTendons):
+class TendonDisplacements(_TendonMeasurement):
     """Length that the winch of each tendon has reeled in [m].
 
     By so much it is shorter within the arm than without tensions, and stretched itself.
@@ -184,7 +173,7 @@ class TipPose(Measurement):
         return self._rotation * Rotation.from_quat(np.array(at.solved.quaternion[-1])).inv()
 
 
-class _AtPlaces(Measurement):
+class _PlacedMeasurement(Measurement):
     """As many numbers at each of some s as there are ``components``."""
 
     components: ClassVar[tuple[str, ...]]
@@ -200,8 +189,17 @@ class _AtPlaces(Measurement):
         expected = len(self.components) * self.s.size
         self.check_size(expected, f'{", ".join(self.components)} at each s')
 
+    def _stations(self, at: Prediction) -> FloatArray:
+        """The s of the stations [m], between which the places are."""
+        length, s = at.model.arm.length, self.s
+        if s.ndim != 1 or not ((s >= 0.0) & (s <= length)).all():
+            raise MeasurementError(
+                f'{self.name}: s is {shown(s)}, expected within [0, {length}] [m]'
+            )
+        return at.model.solver.grid.s
 
-class Markers(_AtPlaces):
+
+class Markers(_PlacedMeasurement):
     """Positions of points of the midline at known s, in base_frame, (n, 3) [m]."""
 
     name = 'markers'
@@ -209,15 +207,19 @@ class Markers(_AtPlaces):
 
     def innovation(self, at: Prediction) -> FloatArray:
         """What was measured less what is predicted, (3 n,) [m]."""
-        return self.value - (_interpolation(at, self.s) @ at.solved.position).ravel()
+        return self.value - (self._weights(at) @ at.solved.position).ravel()
 
     def jacobian(self, at: Prediction) -> FloatArray:
         """Change of what is predicted by the state, (3 n, state)."""
-        moved = np.tensordot(_interpolation(at, self.s), at.change.pose[:, :3], axes=1)
+        moved = np.tensordot(self._weights(at), at.change.pose[:, :3], axes=1)
         return moved.reshape(self.value.size, -1)
 
+    def _weights(self, at: Prediction) -> FloatArray:
+        """Those (n, stations) of the positions of stations: a cubic spline."""
+        return _spline_weights(tuple(self._stations(at).tolist()), tuple(self.s.tolist()))
 
-class Curvatures(_AtPlaces):
+
+class Curvatures(_PlacedMeasurement):
     """Curvatures xi about n and k about b at the stations nearest to known s, (n, 2) [1/m].
 
     As fibre sensors measure them.
@@ -228,30 +230,13 @@ class Curvatures(_AtPlaces):
 
     def innovation(self, at: Prediction) -> FloatArray:
         """What was measured less what is predicted, (2 n,) [1/m]."""
-        stations, shape = self._stations(at), at.solved
-        return self.value - np.stack([shape.xi, shape.k], axis=1)[stations].ravel()
+        nearby, shape = nearest(self.s, self._stations(at)), at.solved
+        return self.value - np.stack([shape.xi, shape.k], axis=1)[nearby].ravel()
 
     def jacobian(self, at: Prediction) -> FloatArray:
         """Change of what is predicted by the state, (2 n, state)."""
-        change = at.change.strain[self._stations(at), 1:3]
+        change = at.change.strain[nearest(self.s, self._stations(at)), 1:3]
         return change.reshape(self.value.size, -1)
-
-    def _stations(self, at: Prediction) -> IntArray:
-        _check_on_arm(self.name, self.s, at)
-        return nearest(self.s, at.model.solver.grid.s)
-
-
-def _check_on_arm(name: str, s: FloatArray, at: Prediction) -> None:
-    length = at.model.arm.length
-    if s.ndim != 1 or not ((s >= 0.0) & (s <= length)).all():
-        raise MeasurementError(f'{name}: s is {shown(s)}, expected within [0, {length}] [m]')
-
-
-def _interpolation(at: Prediction, s: FloatArray) -> FloatArray:
-    """Weights (n, stations) of the positions of stations in those at ``s``: a cubic spline."""
-    _check_on_arm('markers', s, at)
-    stations = at.model.solver.grid.s
-    return _spline_weights(tuple(stations.tolist()), tuple(s.tolist()))
 
 
 @functools.lru_cache(maxsize=8)

@@ -74,7 +74,7 @@ def smooth(
         steps.append(next_estimate(model, last, time, tuple(measurements), rules))
         steps[-1].at.forget()
         progress(len(steps))
-    return smooth_steps(model, steps)
+    return smooth_steps(steps)
 
 
 def check_count(times: int) -> None:
@@ -87,8 +87,8 @@ def check_count(times: int) -> None:
         raise MeasurementError(f'more than {MAX_RECORDED} times, which is the most')
 
 
-def smooth_steps(model: ArmModel, steps: Sequence[Estimate]) -> list[Estimate]:
-    """Estimates at all ``steps`` of a filter of ``model``, each from what all of them accepted.
+def smooth_steps(steps: Sequence[Estimate]) -> list[Estimate]:
+    """Estimates at all ``steps`` of a filter, each from what all of them accepted.
 
     Raises:
         SolveError: as `smooth`.
@@ -97,14 +97,14 @@ def smooth_steps(model: ArmModel, steps: Sequence[Estimate]) -> list[Estimate]:
         return []
     # What is divided by zero is not finite, and no course leads there.
     with np.errstate(all='ignore'):
-        about = _Pass(model, steps, [step.at for step in steps])
+        about = _Pass(steps, [step.at for step in steps])
         for _ in range(_MOST):
             if about.size <= _TOLERANCE:
                 return [
                     dataclasses.replace(step, known=Gaussian(at.x, known.root), at=at)
                     for step, at, known in zip(steps, about.points, about.course, strict=True)
                 ]
-            about = _next(model, steps, about)
+            about = about.next()
     raise ConvergenceError('the smoother', about.size, _MOST)
 
 
@@ -118,24 +118,90 @@ class _Pass:
         cost: what is least along the mean course, in squares of standard deviations.
     """
 
-    def __init__(
-        self, model: ArmModel, steps: Sequence[Estimate], points: Sequence[Prediction]
-    ) -> None:
-        self.points, none = points, [np.zeros(model.state.size)] * len(steps)
-        filtered, volume = _forward(model, steps, points, none)
-        known = _smoothed(model, steps, filtered)
+    def __init__(self, steps: Sequence[Estimate], points: Sequence[Prediction]) -> None:
+        self._steps, self.points, self._state = steps, points, points[0].model.state
+        none = [np.zeros(self._state.size)] * len(steps)
+        filtered, volume = self._forward(none)
+        known = self._smoothed(filtered)
         slopes = [
             sum((_slope(step, rows, at, one) for rows in step.accepted), none[0])
             for step, at, one in zip(steps, points, known, strict=True)
         ]
-        self.course = _smoothed(model, steps, _forward(model, steps, points, slopes)[0])
+        self.course = self._smoothed(self._forward(slopes)[0])
         self.size = max(
             float(np.linalg.norm(solve_lower(one.root, one.mean - at.x)))
             for at, one in zip(points, self.course, strict=True)
-        ) / np.sqrt(model.state.size)
-        self.cost = volume + _improbability(model, steps, points)
+        ) / np.sqrt(self._state.size)
+        self.cost = volume + self._improbability()
         for at in points:
             at.forget()
+
+    def next(self) -> _Pass:
+        """As far towards the course as makes one more probable; SolveError if there is none."""
+        part = min(1.0, _LONGEST / self.size)
+        while True:
+            points = [
+                Prediction(at.model, at.x + part * (one.mean - at.x), at.shape)
+                for at, one in zip(self.points, self.course, strict=True)
+            ]
+            try:
+                new = _Pass(self._steps, points)
+                if new.cost <= self.cost + _SLACK or new.size <= _PROGRESS * self.size <= _NEAR:
+                    return new
+            except SolveError:
+                if part < _SHORTEST:
+                    raise
+            if part < _SHORTEST:
+                raise ConvergenceError('the smoother', self.size, _MOST)
+            part *= 0.5
+
+    def _improbability(self) -> float:
+        """Sum of squares of all changes of the state and all noise, in standard deviations."""
+        steps, points, state = self._steps, self.points, self._state
+        total = square_of(points[0].x, state.prior.root)
+        for (step, at), (following, after) in itertools.pairwise(zip(steps, points)):
+            elapsed = following.time - step.time
+            growth = state.growth(elapsed)
+            changes = growth > 0.0
+            change = (after.x - state.decay(elapsed) * at.x)[changes] / growth[changes]
+            total += float(change @ change)
+        for step, at in zip(steps, points):
+            total += sum(square_of(rows.left(at), rows.noise_root) for rows in step.accepted)
+        return total
+
+    def _forward(self, slopes: Sequence[FloatArray]) -> tuple[list[Gaussian], float]:
+        """The filter, and ln(det A) but a constant; that of its half has ``slopes``."""
+        found: list[Gaussian] = []
+        volume, known, last = 0.0, self._state.prior, self._steps[0].time
+        for step, at, slope in zip(self._steps, self.points, slopes):
+            known, last = self._state.later(known, step.time - last), step.time
+            for rows in step.accepted:
+                jacobian = rows.jacobian(at)
+                by = gain(known.root, jacobian, rows.noise_root)
+                left = rows.left(at) + jacobian @ (at.x - known.mean)
+                known = Gaussian(known.mean + by.gain @ left, by.root)
+                if rows.second(at) is not None:
+                    volume += step.bank.agreement.weight * volume_of(by.innovation_root)
+            known = known._replace(mean=known.mean - known.root @ (known.root.T @ slope))
+            found.append(known)
+        return found, volume
+
+    def _smoothed(self, filtered: Sequence[Gaussian]) -> list[Gaussian]:
+        """``filtered`` distributions, each with what came later."""
+        smoothed, pairs = [filtered[-1]], list(itertools.pairwise(self._steps))
+        for (step, following), known in zip(reversed(pairs), filtered[-2::-1], strict=True):
+            elapsed = following.time - step.time
+            decay, growth = self._state.decay(elapsed), self._state.growth(elapsed)
+            predicted, after = self._state.later(known, elapsed), smoothed[-1]
+            decayed = decay[:, np.newaxis] * known.root
+            half = solve_lower(predicted.root, decayed @ known.root.T)
+            back = solve_lower(predicted.root, half, is_transposed=True).T
+            mean = known.mean + back @ (after.mean - predicted.mean)
+            kept = known.root - back @ decayed
+            root = lower_root(np.concatenate([kept, back * growth, back @ after.root], axis=1))
+            smoothed.append(Gaussian(mean, root))
+        model = self.points[0].model
+        return [one._replace(mean=nearest_possible(model, one)) for one in reversed(smoothed)]
 
 
 def _slope(step: Estimate, rows: Rows, at: Prediction, known: Gaussian) -> FloatArray:
@@ -146,91 +212,3 @@ def _slope(step: Estimate, rows: Rows, at: Prediction, known: Gaussian) -> Float
     white = solve_lower(rows.noise_root, rows.jacobian(at))
     own = solve_lower(rows.noise_root, white @ known.root @ known.root.T, is_transposed=True)
     return step.bank.agreement.weight * gradient(own.T, second)
-
-
-def _next(model: ArmModel, steps: Sequence[Estimate], last: _Pass) -> _Pass:
-    """As far towards the course of the ``last`` pass as makes one more probable.
-
-    Raises:
-        SolveError: if there is none.
-    """
-    part = min(1.0, _LONGEST / last.size)
-    while True:
-        points = [
-            Prediction(model, at.x + part * (one.mean - at.x), at.shape)
-            for at, one in zip(last.points, last.course, strict=True)
-        ]
-        try:
-            found = _Pass(model, steps, points)
-            if found.cost <= last.cost + _SLACK or found.size <= _PROGRESS * last.size <= _NEAR:
-                return found
-        except SolveError:
-            if part < _SHORTEST:
-                raise
-        if part < _SHORTEST:
-            raise ConvergenceError('the smoother', last.size, _MOST)
-        part *= 0.5
-
-
-def _improbability(
-    model: ArmModel, steps: Sequence[Estimate], points: Sequence[Prediction]
-) -> float:
-    """Sum of squares of all changes of the state and all noise, in standard deviations."""
-    total = square_of(points[0].x, model.state.prior.root)
-    for (step, at), (following, after) in itertools.pairwise(zip(steps, points, strict=True)):
-        elapsed = following.time - step.time
-        growth = model.state.growth(elapsed)
-        changes = growth > 0.0
-        change = (after.x - model.state.decay(elapsed) * at.x)[changes] / growth[changes]
-        total += float(change @ change)
-    for step, at in zip(steps, points, strict=True):
-        total += sum(square_of(rows.left(at), rows.noise_root) for rows in step.accepted)
-    return total
-
-
-def _forward(
-    model: ArmModel,
-    steps: Sequence[Estimate],
-    points: Sequence[Prediction],
-    slopes: Sequence[FloatArray],
-) -> tuple[list[Gaussian], float]:
-    """The filter with measurements linearised about ``points``, and ln(det A) but a constant.
-
-    ``slopes`` are those of its half, see `_slope`; every step of it has its weight.
-    """
-    found: list[Gaussian] = []
-    volume = 0.0
-    for number, (step, at, slope) in enumerate(zip(steps, points, slopes, strict=True)):
-        known = model.state.prior
-        if number:
-            known = model.state.later(found[-1], step.time - steps[number - 1].time)
-        for rows in step.accepted:
-            jacobian = rows.jacobian(at)
-            by = gain(known.root, jacobian, rows.noise_root)
-            left = rows.left(at) + jacobian @ (at.x - known.mean)
-            known = Gaussian(known.mean + by.gain @ left, by.root)
-            if rows.second(at) is not None:
-                volume += step.bank.agreement.weight * volume_of(by.innovation_root)
-        found.append(known._replace(mean=known.mean - known.root @ (known.root.T @ slope)))
-    return found, volume
-
-
-def _smoothed(
-    model: ArmModel, steps: Sequence[Estimate], filtered: list[Gaussian]
-) -> list[Gaussian]:
-    """``filtered`` distributions, each with what came later."""
-    smoothed = [filtered[-1]]
-    for (step, following), known in zip(
-        reversed(list(itertools.pairwise(steps))), filtered[-2::-1], strict=True
-    ):
-        elapsed = following.time - step.time
-        decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
-        predicted, after = model.state.later(known, elapsed), smoothed[-1]
-        across = (decay[:, np.newaxis] * known.root) @ known.root.T
-        half = solve_lower(predicted.root, across)
-        back = solve_lower(predicted.root, half, is_transposed=True).T
-        mean = known.mean + back @ (after.mean - predicted.mean)
-        kept = known.root - back @ (decay[:, np.newaxis] * known.root)
-        root = lower_root(np.concatenate([kept, back * growth, back @ after.root], axis=1))
-        smoothed.append(Gaussian(mean, root))
-    return [one._replace(mean=nearest_possible(model, one)) for one in reversed(smoothed)]

@@ -56,7 +56,7 @@ def _smoothed(
         raise MeasurementError(
             '--smooth goes with one place of contact, not with --contact somewhere'
         )
-    ((name, model),) = models.items()
+    (name,) = models
     parts: list[list[tuple[Group, Estimate]]] = [[]]
     for group, one in filtered:
         if one.begins_anew:
@@ -64,7 +64,7 @@ def _smoothed(
         one.estimate.at.forget()
         parts[-1].append((group, one.estimate))
     for number, part in enumerate(parts):
-        estimates = smooth_steps(model, [step for _, step in part])
+        estimates = smooth_steps([step for _, step in part])
         for (group, _), estimate in zip(part, estimates, strict=True):
             begins = number > 0 and estimate is estimates[0]
             yield group, EstimatorOutput(estimate, name, {name: 1.0}, estimate.innovations, begins)
@@ -191,7 +191,7 @@ class Result:
         touches: when the arm was touched.
         consistency: of each kind of measurement, by its name.
         failures: times without an estimate, by the reason.
-        unlearnt: directions of the state that no measurement depended on at the end, in words.
+        unobserved: directions of the state that no measurement depended on at the end, in words.
         camera: errors against a camera; None where there is none.
         hypotheses: mean probability of each.
         restarts: times at which what was known before was given up [s].
@@ -203,7 +203,7 @@ class Result:
     touches: Sequence[Touch]
     consistency: Mapping[str, Consistency]
     failures: Refusals
-    unlearnt: Sequence[str]
+    unobserved: Sequence[str]
     camera: CameraErrors | None
     hypotheses: Mapping[str, float]
     restarts: Sequence[float]
@@ -254,7 +254,7 @@ def estimate(
         _find_touches(moments),
         consistency,
         failures,
-        [direction.reason for direction in one.estimate.unlearnt],
+        [direction.reason for direction in one.estimate.unobserved],
         recorded.camera.errors() if recorded.camera is not None else None,
         {name: value / len(moments) for name, value in total.items()},
         restarts,

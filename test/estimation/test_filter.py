@@ -58,7 +58,7 @@ def test_with_tension_only_it_is_the_forward_model_with_propagated_covariance():
         found.pose_covariance[-1], covariance, atol=1e-9 * np.abs(covariance).max()
     )
     np.testing.assert_array_equal(found.pose_covariance[0], 0.0)
-    assert not found.unlearnt
+    assert not found.unobserved
 
 
 def test_a_first_reading_of_a_slack_tendon_may_be_negative():
@@ -206,7 +206,7 @@ def test_an_axial_force_on_a_straight_arm_is_not_observable():
     # The tip moves by F L / EA: hundredths of a millimetre for a force of the prior's size.
     assert axial == pytest.approx(1e-3, rel=0.01)
     assert max(across) < 0.3e-3
-    (open_direction,) = found.unlearnt
+    (open_direction,) = found.unobserved
     assert open_direction.reason == 'tip_force x keeps its prior'
 
 
@@ -300,7 +300,7 @@ def test_sensors_lost_and_back():
     stddev = np.sqrt(np.diag(unsure.tip_wrench_covariance)[:3])
     np.testing.assert_allclose(stddev, 0.01, rtol=1e-3)
     np.testing.assert_allclose(unsure.tip_wrench[:3], 0.0, atol=1e-5)
-    assert len(unsure.unlearnt) == 3
+    assert len(unsure.unobserved) == 3
     again = own.add(10.1, [tensions, tip])
     np.testing.assert_allclose(again.tip_wrench, sure.tip_wrench, atol=1e-3)
 

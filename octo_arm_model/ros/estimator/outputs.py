@@ -98,7 +98,7 @@ class EstimateStatus:
             problems.append(f'contradicted by its sensors, it began anew {lately} time(s)')
         self._late, self._restarts = estimator.late, estimator.restarts
         values |= self._contact(found, config)
-        reasons = '; '.join(one.reason for one in found.estimate.unlearnt)
+        reasons = '; '.join(one.reason for one in found.estimate.unobserved)
         values['not observable'] = reasons[:_LONGEST]
         return make_status('estimate', DiagnosticStatus.WARN, '; '.join(problems), fine, values)
 
