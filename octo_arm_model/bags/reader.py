@@ -139,6 +139,7 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
     Attributes:
         path: where it is.
         topics: type of the messages of each topic; of several types, all of them.
+        offered: those of them that what is not named is read from.
         metadata: custom data of its recording.
         start_ns: when its first message was received [ns].
         duration: from its first message to its last [s].
@@ -212,6 +213,7 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
             topic: ' or '.join(sorted(kind for name, kind in found if name == topic))
             for topic in sorted(topic for topic, _ in found)
         }
+        self.offered = self.topics
         if said is not None:
             self._compare(said)
         some = [file for file in self._files if any(one.msgcount for one in file.connections)]

@@ -99,6 +99,8 @@ def find_sensors(
         BagError: if a topic is missing, of another type, or there are several; if there is
             nothing at all.
     """
+    named = (one for one in (tensions, *(others or {}).values()) if one not in (None, NONE))
+    topics.offer_one_arm(reader, next(named, None))
     found: dict[str, str] = {}
     options: dict[str, dict[str, Any]] = {}
     for name, row in MEASUREMENT_TOPICS.items():

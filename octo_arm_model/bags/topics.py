@@ -14,6 +14,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import naming, parameters_of
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
 from octo_arm_model.wire.estimate import ESTIMATES
+from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS
 from octo_arm_model.wire.messages import Stamp, time_of
 from octo_arm_model.wire.tensions import (
     DISPLACEMENT_TYPE,
@@ -32,6 +33,7 @@ ANSWERS: dict[str, str] = {
 DESCRIPTION = 'arm_description'  # the arm as a ROS parameter file, from the node
 MIDLINE = 'camera/midline'
 _USUAL = (*TENSION_TOPICS, MIDLINE)  # that tensions or midlines are measured on
+_MEASURED = (*_USUAL, *MEASUREMENT_TOPICS)  # on an arm
 
 
 def names(topic: str, *usual: str) -> bool:
@@ -45,6 +47,31 @@ def namespace(topic: str, usual: Iterable[str]) -> str:
         if names(topic, name):
             return topic.removesuffix(name)
     return topic[: topic.rfind('/') + 1]
+
+
+def offer_one_arm(reader: BagReader, named: str | None) -> None:
+    """Offer no topics of other arms than that of the one that is ``named``, if one is.
+
+    An arm is a namespace with tensions or displacements.
+    """
+    if named is not None:
+        topic = reader.full_name(named.partition(':')[0])
+        reader.offered = topics_of_arm(reader, namespace(topic, _MEASURED))
+
+
+def topics_of_arm(reader: BagReader, prefix: str) -> dict[str, str]:
+    """Topics and their types, without those of other arms than that in the ``prefix``."""
+    tendons = (*TENSION_TOPICS, DISPLACEMENTS)
+    arms = {namespace(one, tendons) for one in reader.topics if names(one, *tendons)}
+    if prefix not in arms:
+        return reader.topics
+    own = {}
+    for topic, type_name in reader.topics.items():
+        arm = max((one for one in arms if topic.startswith(one)), key=len, default=prefix)
+        # What has another name and no namespace may be a camera's, of all arms.
+        if arm == prefix or (arm == '/' and not names(topic, *_MEASURED, DESCRIPTION)):
+            own[topic] = type_name
+    return own
 
 
 def pick_topic(
@@ -94,7 +121,7 @@ def measured_topic(
     others = (*ANSWERS, *ESTIMATES, DISPLACEMENTS)
     found = [
         topic
-        for topic, type_name in reader.topics.items()
+        for topic, type_name in reader.offered.items()
         if type_name in types and topic not in without and not names(topic, *others)
     ]
     for narrower in (
@@ -126,7 +153,7 @@ def usual_topics(reader: BagReader, usual: str, types: Sequence[str]) -> list[st
     """Topics of the ``usual`` name with messages of one of ``types``."""
     return [
         topic
-        for topic, type_name in reader.topics.items()
+        for topic, type_name in reader.offered.items()
         if names(topic, usual) and type_name in types and reader.count([topic])
     ]
 
@@ -352,7 +379,8 @@ def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
         ConfigError: if there is no description, or that of no arm.
         BagError: if the bag is damaged.
     """
-    topics = usual_topics(reader, DESCRIPTION, (STRING,))
+    own = topics_of_arm(reader, prefix)
+    topics = [one for one in usual_topics(reader, DESCRIPTION, (STRING,)) if one in own]
     if prefix + DESCRIPTION in topics:
         topics = [prefix + DESCRIPTION]
     if len(topics) != 1:

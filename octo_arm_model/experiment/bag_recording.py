@@ -18,6 +18,7 @@ from octo_arm_model.bags.topics import (
     Source,
     describe,
     namespace,
+    offer_one_arm,
     pick_displacements,
     pick_tensions,
     pick_topic,
@@ -200,6 +201,7 @@ class BagRecording:
         """
         self.reader, self.count, self.notes = reader, count, notes_on(reader)
         self.cells: Source | None = None
+        offer_one_arm(reader, tensions or displacements)
         has_file = files.displacements is not None
         self.encoders = None if has_file else pick_displacements(reader, displacements)
         if files.tensions is None:

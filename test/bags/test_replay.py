@@ -37,6 +37,7 @@ from recordings import (
 from octo_arm_model import Backbone, Config, displacements_of, load_config, solve_displacements
 from octo_arm_model.bags import replay as module
 from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.sensor_topics import find_sensors
 from octo_arm_model.bags.topics import ANSWERS, find_arms
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
@@ -229,6 +230,26 @@ def test_each_arm_is_answered_in_its_namespace_as_it_describes_itself(cli, tmp_p
     assert cli('replay', bag, tmp_path / 'one', *options)[0] == 0
     with BagReader(tmp_path / 'one') as reader:
         assert '/arm_2/backbone/path' not in reader.topics
+
+
+def test_sensors_and_description_of_another_arm_are_not_taken(cli, tmp_path):
+    lengths = displacement_sample(
+        ARM.tendon_names, np.zeros(12), START, '/right/tendon_displacements'
+    )
+    bag = write_bag(
+        tmp_path / 'in',
+        [
+            text_sample('/right/arm_description', parameters_as_yaml(TABLE_4)),
+            lengths,
+            *samples(ARM, random_tensions(ARM, 5), '/left/tendon_tensions'),
+            *samples(ARM, random_tensions(ARM, 5), '/right/tendon_tensions'),
+        ],
+    )
+    with BagReader(bag) as reader:
+        assert find_sensors(reader, 'left/tendon_tensions').all == ['/left/tendon_tensions']
+        assert lengths.topic in find_sensors(reader, '/right/tendon_tensions').all
+    said = cli.refused('replay', bag, tmp_path / 'out', '--topics', '/left/tendon_tensions')
+    assert 'no topic arm_description, so say which arm' in said
 
 
 # What does not fit ------------------------------------------------------------------------------
