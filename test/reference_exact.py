@@ -2,8 +2,7 @@
 
 Nothing here uses the package but the numbers and profiles of an `Arm` and of its `Loads`. Where
 the package has closed forms, Newton's method and an integrator of its own, this has vectors, a
-sum over the fibres of a cross section, and SciPy's root finding, boundary value problems and
-minimisation.
+sum over the fibres of a cross section, and SciPy's boundary value problems.
 
 A strain is (kappa, v): rotation of the frame and motion of the midline per reference length, in
 the axes t, n, b, as (4, nodes) without shear and (6, nodes) with it; kappa = (1 + q) omega.
@@ -12,7 +11,6 @@ the axes t, n, b, as (4, nodes) without shear and (6, nodes) with it; kappa = (1
 import numpy as np
 from reference import Shape, active_at, cables, cross, pulls
 from scipy.integrate import solve_bvp
-from scipy.optimize import minimize, root
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Arm, Backbone, Loads
@@ -114,34 +112,40 @@ class Cut:
         raise AssertionError(f'no balance of a cross section with {wrench}')
 
 
+def imbalance(
+    arm: Arm,
+    law: str,
+    backbone: Backbone,
+    i: int,
+    force: np.ndarray = np.zeros(3),
+    moment: np.ndarray = np.zeros(3),
+) -> float:
+    """What is left at station ``i`` of a section, its tendons and what acts beyond, relative."""
+    cut = Cut(arm, backbone.s[i], int(backbone.section[i]), backbone.tendon_tensions[i], law)
+    stretch = 1 + backbone.q[i]
+    omega = np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]])
+    answer = cut.resultants(np.append(stretch * omega, stretch)[:, np.newaxis])[:, 0]
+    axes, (of_moment, of_force) = Rotation.from_quat(backbone.quaternion[i]).as_matrix(), cut.scale
+    return max(
+        np.abs(axes.T @ moment - answer[:3]).max() / (of_moment[0] + np.abs(moment).max()),
+        abs(axes[:, 0] @ force - answer[3]) / (of_force[0] + np.abs(force).max()),
+    )
+
+
 def least_strain(
     arm: Arm, tensions: np.ndarray, s: float, law: str, shear: bool = False
 ) -> np.ndarray:
-    """Strain (4,) or (6,) of least energy at ``s``, by a general-purpose optimiser."""
-    cut = Cut(arm, np.array([s]), active_at(arm, s), tensions, law)
-    radius = cut.radius[0]
-    unit = np.array([1 / radius] * 3 + [1.0] * (3 if shear else 1))
-    rest = np.zeros(unit.size)
-    rest[3] = 1.0
-    size = cut.young[0] * cut.area[0]
-
-    def value(x: np.ndarray) -> float:
-        strain = (unit * x)[:, np.newaxis]
-        if cut.is_rubber:
-            crushed = strain[3] <= 0.05 or strain[3] ** 1.5 < 1.05 * np.hypot(*x[1:3])
-            if crushed:
-                return np.inf
-        return float(cut.energy(strain)[0] / size)
-
-    def slope(x: np.ndarray) -> np.ndarray:
-        return unit * cut.resultants((unit * x)[:, np.newaxis])[:, 0] / size
-
-    found = minimize(value, rest, jac=slope, method='BFGS', options={'gtol': 1e-9})
-    assert np.abs(found.jac).max() < 1e-6, found.message
-    # The energy is flat at its minimum: the last digits are found by its gradient.
-    polished = root(slope, found.x, tol=1e-13)
-    assert np.abs(polished.x - found.x).max() < 1e-4
-    return unit * polished.x
+    """Strain (4,) or (6,) of least energy at ``s``: in balance, as tensions grow from rest."""
+    cut, size = Cut(arm, np.array([s]), active_at(arm, s), tensions, law), 6 if shear else 4
+    rest = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])[:size, np.newaxis]
+    strain, whole = rest, cut.pulls
+    for part in np.linspace(0.1, 1.0, 10):
+        cut.pulls = part * whole
+        strain = cut.balance(0.0 * rest, strain)
+    moves = 1e-3 * np.random.default_rng(0).normal(size=(size, 100, 1))
+    moves[:3] /= cut.radius
+    assert (cut.energy(strain[:, np.newaxis] + moves) > cut.energy(strain)).all()
+    return strain[:, 0]
 
 
 def loaded_bvp(

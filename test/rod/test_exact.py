@@ -129,3 +129,5 @@ def test_far_too_much_tension_is_an_answer_in_balance_or_an_error(arm, data, loa
             continue
         assert backbone.residual <= 1e-10
         assert np.isfinite(backbone.position).all()
+        left = [reference.imbalance(arm, law, backbone, i) for i in range(0, 21, 5)]
+        assert max(left) < 1e-6

@@ -294,7 +294,6 @@ def left_over(arm: Arm, law: str, loads: Loads, backbone: Backbone) -> float:
     # Loads along the arm act on the shape between its stations.
     curve, worst = CubicSpline(backbone.s, backbone.position), 0.0
     is_spread = any(loads.gravity) or loads.distributed
-    axes = Rotation.from_quat(backbone.quaternion).as_matrix()
     points = [*loads.points, PointLoad(arm.length, loads.tip_force, loads.tip_moment)]
     for i, s in enumerate(backbone.s):
         force, moment = np.zeros(3), np.zeros(3)
@@ -317,18 +316,7 @@ def left_over(arm: Arm, law: str, loads: Loads, backbone: Backbone) -> float:
             moment += trapezoid(
                 np.cross(curve(where) - backbone.position[i], density), where, axis=0
             )
-        cut = reference.Cut(arm, s, int(backbone.section[i]), backbone.tendon_tensions[i], law)
-        stretch = 1.0 + backbone.q[i]
-        omega = np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]])
-        answer = cut.resultants(np.append(stretch * omega, stretch)[:, np.newaxis])[:, 0]
-        of_moment, of_force = cut.scale
-        moment_left = np.abs(axes[i].T @ moment - answer[:3]).max()
-        force_left = abs(axes[i][:, 0] @ force - answer[3])
-        worst = max(
-            worst,
-            moment_left / (of_moment[0] + np.abs(moment).max()),
-            force_left / (of_force[0] + np.abs(force).max()),
-        )
+        worst = max(worst, reference.imbalance(arm, law, backbone, i, force, moment))
     return worst
 
 
