@@ -6,9 +6,11 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
     Arm,
+    Backbone,
     Body,
     DistributedLoad,
     Dynamics,
@@ -106,6 +108,13 @@ def twists_at(s: FloatArray, strains: int) -> FloatArray:
     if strains == 6:
         z[:, 4], z[:, 5] = 0.03 * np.cos(5.0 * s), -0.02 + 0.1 * s
     return z
+
+
+def tendon_points(arm: Arm, shape: Backbone) -> FloatArray:
+    """Where the tendons are at every station, (tendons, stations, 3) [m]."""
+    axes = Rotation.from_quat(shape.quaternion).as_matrix()
+    away = np.einsum('sxa,ajs->jsx', axes[..., 1:], arm.tendon_offsets(shape.s))
+    return np.asarray(shape.position + away)
 
 
 def forms() -> list[ModuleType]:

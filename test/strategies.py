@@ -47,12 +47,12 @@ def arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
 def scaled(arm: Arm, scale: float) -> Arm:
     """The same arm, ``scale`` times as large."""
     body = arm.body
-    sections = []
-    for section in arm.sections:
-        lengths = section.anchorage, section.offset_base, section.offset_anchorage
-        sections.append(Section(*(scale * length for length in lengths)))
-    radii = scale * body.radius_base, scale * body.radius_tip
-    return Arm(arm.material, Body(scale * body.length, *radii), tuple(sections))
+    sections = tuple(
+        Section(*(scale * np.array([one.anchorage, one.offset_base, one.offset_anchorage])))
+        for one in arm.sections
+    )
+    sizes = scale * np.array([body.length, body.radius_base, body.radius_tip])
+    return Arm(arm.material, Body(*sizes), sections)
 
 
 @st.composite

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from rods import THIRDS
+from rods import THIRDS, tendon_points
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
@@ -68,9 +68,7 @@ def chords_of(one: Solver, shape: Backbone) -> tuple[FloatArray, FloatArray, Flo
     faces = np.array([0.0, *one.arm.discs.faces])
     at = [int(np.argmin(np.abs(shape.s - s))) for s in faces]
     assert np.abs(shape.s[at] - faces).max() < 1e-12
-    across = one.arm.tendon_offsets(faces)
-    turn = Rotation.from_quat(shape.quaternion[at]).as_matrix()
-    holes = shape.position[at] + np.einsum('fxa,ajf->jfx', turn[..., 1:], across)
+    holes = tendon_points(one.arm, shape)[:, at]
     chords = np.diff(holes, axis=1)
     return faces, holes, chords / np.linalg.norm(chords, axis=2, keepdims=True)
 

@@ -11,8 +11,7 @@ from differences import jacobian
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from rods import PULL, helical_arm
-from scipy.spatial.transform import Rotation
+from rods import PULL, helical_arm, tendon_points
 from strategies import fractions, loaded_arms
 
 from octo_arm_model import (
@@ -59,14 +58,10 @@ def reeled_in(solver: Solver, backbone: Backbone) -> dict[str, float]:
 def test_lengths_are_those_of_polygons_through_the_tendons(solver, table4):
     fine = Solver(table4.arm, 'exact', 2001, material='linear')
     backbone = fine.solve(TENSIONS)
-    rotation = Rotation.from_quat(backbone.quaternion).as_matrix()
-    lengths = fine.tendon_lengths(backbone).ravel()
-    offsets = np.stack(table4.arm.tendon_offsets(backbone.s), axis=-1)
+    lengths, paths = fine.tendon_lengths(backbone).ravel(), tendon_points(table4.arm, backbone)
     for tendon, section in enumerate(table4.arm.tendon_section):
         acts = backbone.s <= table4.arm.sections[section - 1].anchorage
-        n, b = offsets[tendon].T
-        path = backbone.position + n[:, None] * rotation[:, :, 1] + b[:, None] * rotation[:, :, 2]
-        polygon = np.linalg.norm(np.diff(path[acts], axis=0), axis=1).sum()
+        polygon = np.linalg.norm(np.diff(paths[tendon, acts], axis=0), axis=1).sum()
         # At an anchorage the strain jumps and the polygon with it: second order in the step.
         assert lengths[tendon] == pytest.approx(polygon, rel=2e-5)
 
@@ -133,12 +128,9 @@ def test_what_is_no_length_is_named(solver, length):
 # Tendons that stretch ---------------------------------------------------------------------------
 
 
-def stretching(arm: Arm, stiffness: float, free: float = 0.5) -> Arm:
-    """The same arm on tendons of an axial ``stiffness`` [N] and ``free`` length [m]."""
-    count = len(arm.tendons)
-    return dataclasses.replace(
-        arm, axial_stiffness=count * (stiffness,), free_length=count * (free,)
-    )
+def stretching(arm: Arm, stiffness: float) -> Arm:
+    """The same arm on tendons of an axial ``stiffness`` [N], 0.5 m longer than the arm."""
+    return dataclasses.replace(arm, axial_stiffness=(stiffness,), free_length=(0.5,))
 
 
 @settings(max_examples=15, deadline=None)

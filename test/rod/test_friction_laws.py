@@ -127,16 +127,14 @@ def test_tension_falls_by_the_angle_that_a_tendon_turns_by(case, friction, model
         backbone = Solver(rough, model, 801, material='linear').solve(tensions)
     except SolveError:
         assume(False)
-    along, across = backbone.tendon_tensions, np.stack(arm.tendon_offsets(backbone.s), axis=-1)
-    offsets = np.pad(across, [(0, 0), (0, 0), (1, 0)])  # (tendons, stations, 3)
+    along, paths = backbone.tendon_tensions, rods.tendon_points(arm, backbone)
     assert (np.diff(along, axis=0) <= 1e-9 * np.maximum(tensions.ravel(), 1e-3)).all()
     for j, pull in enumerate(tensions.ravel()):
         inside = along[:, j] > 0.0
         inside[1:] &= np.diff(backbone.s) > 1e-9  # An anchorage may be next to the tip.
         if not pull or np.count_nonzero(inside) < 10:
             continue
-        path = backbone.position + Rotation.from_quat(backbone.quaternion).apply(offsets[j])
-        chords = np.diff(path[inside], axis=0)
+        chords = np.diff(paths[j, inside], axis=0)
         chords /= np.linalg.norm(chords, axis=1)[:, np.newaxis]
         # From the middle of the first interval to that of the last.
         turned = np.linalg.norm(np.diff(chords, axis=0), axis=1).sum()
@@ -357,10 +355,6 @@ RUBBER = Material(1.1e5, 0.5, 1080.0)
 SHEAR_MODULUS = 1.1e5 / 3.0
 
 
-def with_sheath(arm: Arm, stiffness: float) -> Arm:
-    return dataclasses.replace(arm, sheath_stiffness=(stiffness,))
-
-
 @pytest.mark.parametrize('s', [0.1, 0.3])
 def test_strains_are_those_of_least_energy_over_strains_and_places(s):
     """A general optimiser of all unknowns at once finds no less."""
@@ -396,8 +390,10 @@ def test_strains_are_those_of_least_energy_over_strains_and_places(s):
 def test_lengths_and_tensions_in_proportion_scale_the_shape(loaded, scale):
     """As k is a modulus: lengths times c, tensions times c^2, the same k."""
     arm, tensions = loaded
-    stiffness = 20.0 * float(arm.material.youngs_modulus)
-    small, large = (with_sheath(one, stiffness) for one in (arm, strategies.scaled(arm, scale)))
+    soft = {'sheath_stiffness': (20.0 * float(arm.material.youngs_modulus),)}
+    small, large = (
+        dataclasses.replace(one, **soft) for one in (arm, strategies.scaled(arm, scale))
+    )
     before = Solver(small, 'exact', 31).solve(0.5 * tensions)
     after = Solver(large, 'exact', 31).solve(0.5 * scale**2 * tensions)
     assert_allclose(after.position, scale * before.position, atol=1e-8 * scale * arm.length)

@@ -74,10 +74,6 @@ def eased(loads: Loads, part: float) -> Loads:
     return mapped(loads, lambda vector: part * vector)
 
 
-def with_density(arm: Arm, density: float = 1080.0) -> Arm:
-    return dataclasses.replace(arm, material=dataclasses.replace(arm.material, density=density))
-
-
 def assert_same(found: Backbone, expected: Backbone, atol: float) -> None:
     assert_allclose(found.position, expected.position, atol=atol)
     overlap = np.abs((found.quaternion * expected.quaternion).sum(axis=-1))
@@ -344,7 +340,7 @@ def test_forces_and_moments_balance_at_every_station_across_anchorages(
 def test_positions_are_as_accurate_as_was_asked_for(table4):
     random, loads = np.random.default_rng(5), Loads(gravity=(0.0, 0.0, -9.81))
     usual, fine = (
-        Solver(with_density(table4.arm), 'exact', 31, loads=loads, accuracy=accuracy)
+        Solver(table4.arm.with_density(1080.0), 'exact', 31, loads=loads, accuracy=accuracy)
         for accuracy in (1e-8, 1e-12)
     )
     largest = np.array([[0.3], [2.0], [6.0]])
@@ -416,7 +412,7 @@ def test_the_shape_is_the_one_that_slow_loading_leads_to(law):
 
 
 def test_a_continuation_that_has_spent_its_budget_says_where(table4):
-    arm, loads = with_density(table4.arm), Loads(gravity=(-9.81, 0.0, 0.0))
+    arm, loads = table4.arm.with_density(1080.0), Loads(gravity=(-9.81, 0.0, 0.0))
     for budget, spent in ((Budget(4), '4 iterations'), (Budget(seconds=1e-9), '1e-09 s')):
         solver = Solver(arm, 'exact', 31, loads=loads, budget=budget)
         with pytest.raises(ContinuationError, match=rf'budget of {spent} at .* % of the') as error:

@@ -14,7 +14,6 @@ from octo_arm_model import (
     Arm,
     ArmDefinitionError,
     Body,
-    Config,
     ConfigError,
     DistributedLoad,
     LoadError,
@@ -58,15 +57,11 @@ class Heavy:
         return ()
 
 
-def arm_of(table4: Config) -> Arm:
-    return table4.arm.with_density(1080.0)
-
-
 @pytest.mark.parametrize('part', [1.0, 0.5])
 @pytest.mark.parametrize('has_tangent', [True, False])
 def test_at_balance_it_is_the_dead_force_of_that_direction(table4, part, has_tangent):
     # Without its tangent a force is found by plain iteration, which converges for small ones.
-    size, arm = 1.0 if has_tangent else 0.3, arm_of(table4)
+    size, arm = 1.0 if has_tangent else 0.3, table4.arm.with_density(1080.0)
     force = (0.001 * size, 0.004 * size, -0.003 * size)
     load = FollowingForce(part * arm.length, force, has_tangent=has_tangent)
     solver = Solver(arm, 'exact', loads=dataclasses.replace(WEIGHT, others=(load,)))
@@ -80,7 +75,7 @@ def test_at_balance_it_is_the_dead_force_of_that_direction(table4, part, has_tan
 
 
 def test_a_dead_load_of_a_users_own_is_that_load(table4):
-    uniform = dataclasses.replace(arm_of(table4), body=Body(0.45, 0.01, 0.01))
+    uniform = dataclasses.replace(table4.arm.with_density(1080.0), body=Body(0.45, 0.01, 0.01))
     weight = Loads(gravity=(0.0, 0.0, -1.0 / (1080.0 * np.pi * 0.01**2)))
     base = Pose(quaternion=(0.0, 0.6, 0.0, 0.8))
     tips = [
@@ -92,7 +87,9 @@ def test_a_dead_load_of_a_users_own_is_that_load(table4):
 
 def test_without_a_tangent_there_are_shapes_but_no_derivatives(table4):
     load = FollowingForce(0.45, (0.0, 0.002, 0.0), has_tangent=False)
-    solver = Solver(arm_of(table4), 'exact', loads=dataclasses.replace(WEIGHT, others=(load,)))
+    solver = Solver(
+        table4.arm.with_density(1080.0), 'exact', loads=dataclasses.replace(WEIGHT, others=(load,))
+    )
     found = solver.solve(PULL)
     with pytest.raises(LoadError, match='FollowingForce states no tangent stiffness, which sens'):
         solver.sensitivity(found)
@@ -101,7 +98,7 @@ def test_without_a_tangent_there_are_shapes_but_no_derivatives(table4):
 def test_they_are_bounded_like_all_loads(table4):
     others = (FollowingForce(0.3, (0.0, 1e9, 0.0)),)
     with pytest.raises(ArmDefinitionError, match='force of all loads along the arm is'):
-        Solver(arm_of(table4), 'exact', loads=Loads(others=others))
+        Solver(table4.arm.with_density(1080.0), 'exact', loads=Loads(others=others))
 
 
 @pytest.mark.parametrize('s', [0.2, 0.4])

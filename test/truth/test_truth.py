@@ -12,7 +12,7 @@ and of tension of random_19_stout/31, which later cores give alike at accuracies
 
 import gzip
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +53,8 @@ class Case:
         kind: what it is about.
         parameters: of the arm, by their dotted names.
         steps: what is done, one after the other; see `solve`.
-        s: arc coordinates of the values along the arm [m]; each is a station.
         expected: right values of the last step.
+        s: arc coordinates of the values along the arm [m]; each is a station.
         error: that these may have, largest over the values of a quantity.
         today: how far the solver that made the file is from them, where that is too far.
         refused: name of the exception, and a text in its message, where there is no answer.
@@ -65,12 +65,12 @@ class Case:
     kind: str
     parameters: dict[str, Any]
     steps: list[dict[str, Any]]
-    s: np.ndarray
     expected: dict[str, np.ndarray]
-    error: dict[str, float]
-    today: dict[str, float]
-    refused: list[str] | None
-    fault: str
+    s: list[float] = field(default_factory=list)
+    error: dict[str, float] = field(default_factory=dict)
+    today: dict[str, float] = field(default_factory=dict)
+    refused: list[str] | None = None
+    fault: str = ''
 
     def solve(self) -> dict[str, np.ndarray]:
         """Values of the quantities in `expected` after the last step.
@@ -92,7 +92,7 @@ class Case:
                 last = solver.solve(tensions, wrench, start=last if step.get('start') else None)
             tips.append((last.backbone if isinstance(last, Wound) else last).tip)
         shape = last.backbone if isinstance(last, Wound) else last
-        near = np.abs(shape.s - self.s[:, np.newaxis])
+        near = np.abs(shape.s - np.array(self.s)[:, np.newaxis])
         assert (near.min(axis=1) <= 1e-9 * shape.s[-1]).all()
         at = near.argmin(axis=1)
         found = {
@@ -152,27 +152,12 @@ def read_cases() -> list[Case]:
         content = json.load(file)
     found = []
     for case in content['cases']:
-        arm = content['arms'].get(case['arm'], {}) | case['changes']
+        arm = content['arms'].get(case.pop('arm'), {}) | case.pop('changes')
         # None takes a parameter out.
-        parameters = {name: value for name, value in arm.items() if value is not None}
-        expected = {
-            name: np.array(values, dtype=float)
-            for name, values in case.get('expected', {}).items()
-        }
-        found.append(
-            Case(
-                case['name'],
-                case['kind'],
-                parameters,
-                case['steps'],
-                np.array(case.get('s', [])),
-                expected,
-                case.get('error', {}),
-                case.get('today', {}),
-                case.get('refused'),
-                case.get('fault', ''),
-            )
-        )
+        case['parameters'] = {name: value for name, value in arm.items() if value is not None}
+        expected = case.pop('expected', {}).items()
+        case['expected'] = {name: np.array(values, dtype=float) for name, values in expected}
+        found.append(Case(**case))
     return found
 
 
