@@ -1,11 +1,11 @@
-"""Newton's method, and following equilibria from a known one to another condition.
+"""Newton's method, and continuation of equilibria from a known condition to another one.
 
-The steps with the same factors are corrected by what the steps before them left (Broyden's good
-update, in the form of Kelley 1995, 7.3), so that a change of a per cent takes four.
+Steps with the same factors are corrected by Broyden's good update, in the form of Kelley 1995,
+7.3, so that a change of the loads by a per cent takes four steps.
 
-Loads change step by step. Every equilibrium on the way is judged by the system at itself. Where a
-branch ends or becomes unstable (the arm buckles) the energy is minimised from there, as a real
-arm's would be.
+Loads change step by step, and the stability of every equilibrium on the way is tested by its own
+Jacobian. Where a branch ends or becomes unstable (the arm buckles) the energy is minimised from
+there, as a real arm does.
 """
 
 import contextlib
@@ -22,23 +22,23 @@ from octo_arm_model.rod.equilibrium import Condition, Problem, State
 from octo_arm_model.rod.factors import LazyFactors, Linear, Stability, Variation, factorise
 from octo_arm_model.rod.loads import OtherLoads
 
-# Below this residual a step by factors of the state may raise it again: where the arm is soft it
-# turns far, and what is left is of second order.
-_SOFT = 1e-4
-_LEAST_DENOMINATOR = 0.2  # of Broyden's update
+# Below this residual a step by factors of the state may raise the residual: a soft arm turns far,
+# which leaves a residual of second order.
+_NEARLY_BALANCED = 1e-4
+_LEAST_DENOMINATOR = 0.2  # in Broyden's update
 
 
 class Rule(NamedTuple):
-    """Which steps a search takes; parts are those of a residual that a step leaves at most.
+    """The rules for the steps of a search; ratios are of a residual after to before a step.
 
     Attributes:
-        iterations: at most.
-        again: part up to which the same factors serve for the next step.
-        predicted: part that the first step has to leave by factors from elsewhere.
-        first: likewise by factors of the state, which may raise it.
-        progress: likewise every other step.
-        shortest: part of a step by factors of the state, to which it is shortened at least where
-            it would raise the residual.
+        iterations: largest number of steps.
+        again: ratio up to which the next step takes the same factors.
+        predicted: largest ratio of the first step if its factors are those of another state.
+        first: largest ratio of the first step by factors of its state.
+        progress: largest ratio of every other step.
+        shortest: least fraction of a step by factors of its state to which the step is shortened
+            while it raises the residual.
     """
 
     iterations: int = 15
@@ -50,20 +50,20 @@ class Rule(NamedTuple):
 
 
 STATICS = Rule()
-# Where a load states no tangent stiffness convergence is linear.
+# If a load states no tangent stiffness, convergence is linear.
 WITHOUT_TANGENT = Rule(iterations=200, again=0.99, progress=0.99)
-# Contacts begin and end along a step, which is shortened where that leaves more.
+# Contacts begin and end along a step, which is shortened if that raises the residual.
 TOUCHING = Rule(iterations=40, predicted=0.5, first=1.0, progress=1.0, shortest=0.05)
 
 
 class NewtonResult(NamedTuple):
-    """Where a search for a balance ended.
+    """The end of a search for a balance.
 
     Attributes:
         state: the last state.
-        factors: that were used last; None where no step was made.
+        factors: the factors that were used last; None if there was no step.
         iterations: number of steps.
-        corrected: how far the steps after the first turned the arm [rad].
+        corrected: rotation of the arm by the steps after the first [rad].
     """
 
     state: State
@@ -73,16 +73,16 @@ class NewtonResult(NamedTuple):
 
 
 class Chord:
-    """Steps with the same factors."""
+    """Broyden's update of steps with the same factors."""
 
     def __init__(self, measure: FloatArray) -> None:
-        """Of steps (n,) whose squares are summed by ``measure`` (n,)."""
+        """Begin without steps; ``measure`` (n,) weights the squares of a step in its norm."""
         self._measure = measure
         self._steps: list[FloatArray] = []
         self._duals: list[FloatArray] = []  # whose product with a step is 1
 
     def corrected(self, step: FloatArray) -> FloatArray:
-        """The next ``step`` (n,) by these factors, corrected by what those before it left."""
+        """Return the next ``step`` (n,) by these factors, corrected by the steps before it."""
         for dual, after in zip(self._duals, self._steps[1:]):
             step += float(dual @ step) * after
         if self._duals:
@@ -99,33 +99,33 @@ class Chord:
 
 
 class Equations(Protocol):
-    """Equations of an arm at its nodes: a `Problem`, or with winches.
+    """The equations of an arm at its nodes: a `Problem`, or one with winches.
 
     Attributes:
-        remembered: how many residuals, than the worst of which a next one has to be less.
+        remembered: number of last residuals; the next one has to be less than their largest.
     """
 
     remembered: int
 
     @property
     def others(self) -> OtherLoads:
-        """Loads of other kinds."""
+        """Loads that are not dead ones."""
 
     @property
     def measure(self) -> FloatArray:
-        """Factors of the squares of steps, (n,)."""
+        """Weights of the squares of a step in its norm, (n,)."""
 
     def linearise(self, state: State) -> Linear:
-        """The equations linearised at ``state``."""
+        """Return the equations linearised at ``state``."""
 
     def step(self, state: State, factors: Linear, /) -> tuple[FloatArray, Linear]:
-        """Newton's change of the unknowns, (n,), from ``state``, and the factors it is by."""
+        """Return Newton's change of the unknowns from ``state``, (n,), and its factors."""
 
     def moved(self, state: State, step: FloatArray, factors: Linear, /) -> State:
-        """The ``state`` after a step by ``factors``."""
+        """Return the ``state`` after a ``step`` (n,) by ``factors``."""
 
     def turn(self, change: FloatArray) -> float:
-        """How far a ``change`` (N, m) of the twists turns the arm [rad]."""
+        """Return the rotation of the arm by a ``change`` (N, m) of the twists [rad]."""
 
 
 def newton(
@@ -136,9 +136,10 @@ def newton(
     is_near: bool = False,
     rule: Rule = STATICS,
 ) -> NewtonResult:
-    """Search for a balance from ``state``, with ``factors`` from nearby, or of it, if any.
+    """Search for a balance from ``state`` by Newton's method.
 
-    The state it ends in is a balance if its residual is at most ``tolerance``.
+    The first steps take ``factors``, if given: those of a state nearby, or of ``state`` itself if
+    ``is_near``. The last state is a balance if its residual is at most ``tolerance``.
     """
     iterations, predicted, first, errors = 0, None, state, [state.residual]
     chord = None if factors is None else Chord(equations.measure)
@@ -150,19 +151,19 @@ def newton(
                 is_near, chord = True, Chord(equations.measure)
                 factors = equations.linearise(state)
             step, factors = equations.step(state, factors)
-            step, part = chord.corrected(step), 1.0
+            step, fraction = chord.corrected(step), 1.0
             new = equations.moved(state, step, factors)
             iterations += 1
-            while is_near and part > rule.shortest and not new.residual < state.residual:
-                part *= 0.5
-                new = equations.moved(state, part * step, factors)
-        most = rule.progress
+            while is_near and fraction > rule.shortest and not new.residual < state.residual:
+                fraction *= 0.5
+                new = equations.moved(state, fraction * step, factors)
+        allowed = rule.progress
         if state is first:
-            most = rule.first if is_near else rule.predicted
-        elif is_near and state.residual <= _SOFT:
-            most = rule.first
-        most *= max(errors[-equations.remembered :])
-        if new is None or not new.residual <= most:  # nor where it is NaN
+            allowed = rule.first if is_near else rule.predicted
+        elif is_near and state.residual <= _NEARLY_BALANCED:
+            allowed = rule.first
+        allowed *= max(errors[-equations.remembered :])
+        if new is None or not new.residual <= allowed:  # nor where it is NaN
             if is_near:
                 break
             chord = None
@@ -176,51 +177,51 @@ def newton(
     return NewtonResult(state, factors, iterations, corrected)
 
 
-def _rule_of(others: OtherLoads, rule: Rule) -> Rule:
-    """The ``rule`` of a search, or what ``others`` take instead of it."""
+def _rule_of(others: OtherLoads, default: Rule) -> Rule:
+    """Return the ``default`` rule, or the one that ``others``, the loads, require instead."""
     if others.without_tangent:
         return WITHOUT_TANGENT
-    return TOUCHING if rule is STATICS and others.has_obstacles else rule
+    return TOUCHING if default is STATICS and others.has_obstacles else default
 
 
 # Continuation ------------------------------------------------------------------------------------
 
 TOLERANCE = 1e-11
-_TOUCHING = 1e-9  # the same of an arm beside obstacles, as rounding leaves more where they press
+_TOUCHING = 1e-9  # tolerance of an arm beside obstacles, whose pressure adds rounding errors
 ON_THE_WAY = 3e-3  # residual of equilibria on the way
-_CLOSER = 1e-7  # the same where these are not stable by a margin
-# Where the steps after the first turn the arm by more [rad] they may have left its branch.
+_CLOSER = 1e-7  # residual of those on the way that are not stable by a margin
+# If the steps after the first turn the arm by more [rad], it may have left its branch.
 MOST_CORRECTED = 0.25
 SMALLEST_STEP = 1e-3
-# Iterations of a step after which the next may be longer, and factors on a step that was not
-# accepted, or not found.
-_QUICKLY, _SHORTER, _MUCH_SHORTER = 5, 0.7, 0.25
+# Iterations of a step up to which the next step may be longer; factors on a step that ended in a
+# balance which was not accepted, and on one that ended in none.
+_FEW_ITERATIONS, _SHORTER, _MUCH_SHORTER = 5, 0.7, 0.25
 _USUAL_CORRECTION = 0.1  # correction that load steps are chosen for [rad]
-_LONGER = 1.7  # times the step before, at most
+_LONGER = 1.7  # largest ratio of a step to the one before
 _MOST_DESCENT = 300
 BEYOND = 0.05  # load step past the end of a branch, from where energy is minimised
-_PERTURBATION = 0.02  # of an unstable equilibrium [rad]
-_MOST_PERTURBED = 6  # times that a descent leaves unstable equilibria
-# Residual from which on Newton's method may lead to the next equilibrium, stable or not, and what
-# part of it a step has to leave at most.
-_NEARLY, _QUICK = 1e-7, 0.5
-# Damping, in parts of the stiffness of the sections.
+_PERTURBATION = 0.02  # rotation of the perturbation of an unstable equilibrium [rad]
+_MOST_PERTURBED = 6  # unstable equilibria that a descent may leave
+# Residual below which Newton's method may find the next equilibrium, stable or not, and the
+# largest part of it that a step may leave.
+_NEAR_BALANCE, _PROGRESS = 1e-7, 0.5
+# Damping, relative to the stiffness of the sections.
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _RAISED = 4.0, 1e-4, 1e9, 4.0
 _NO_DAMPING = 1e-8
-# Where the energy is level, as of an upright arm that may fall to any side, an equilibrium is
-# where no more than this residual is left along a mode that is no stiffer than this, in parts of
-# the stiffness of the sections, after steps of no more damping than this.
+# Where the energy is level, as for an upright arm that may fall to any side, a state counts as an
+# equilibrium if its residual, the stiffness of its softest mode relative to the sections, and the
+# damping of the last step are at most these.
 _LEVEL, _NEUTRAL, _LITTLE_DAMPING = 1e-7, 1e-6, 1e-3
 
 
 class Verdict(NamedTuple):
-    """An equilibrium and what the system at itself says of it.
+    """The stability of an equilibrium by its own Jacobian.
 
     Attributes:
         state: the equilibrium.
-        factors: of the Jacobian there.
-        stability: of the equilibrium.
-        variation: the second variation of the energy there.
+        factors: factors of the Jacobian.
+        stability: whether the equilibrium is stable.
+        variation: the second variation of the energy.
     """
 
     state: State
@@ -230,15 +231,15 @@ class Verdict(NamedTuple):
 
 
 def judge(problem: Problem, state: State) -> Verdict:
-    """Judge the stability of an equilibrium of ``problem`` by its Jacobian there.
+    """Test the stability of an equilibrium of ``problem`` by its own Jacobian.
 
-    Where a load states no tangent stiffness nothing tells of it, and it counts as stable; where
-    the Jacobian decides and is singular it does not.
+    If a load states no tangent stiffness, the test is impossible and the equilibrium counts as
+    stable. If the determinant decides and the Jacobian is singular, it counts as unstable.
     """
     problem.fill_jacobian(state)
     variation = problem.variation()
-    is_known = not problem.others.without_tangent
-    stability = variation.stability() if is_known else Stability(True, False)
+    has_tangent = not problem.others.without_tangent
+    stability = variation.stability() if has_tangent else Stability(True, False)
     if not stability.is_stable and not problem.has_energy(state.condition):
         with contextlib.suppress(ConvergenceError):
             stability = Stability(factorise(problem.work.jacobian.copy()).sign > 0, False)
@@ -246,7 +247,7 @@ def judge(problem: Problem, state: State) -> Verdict:
 
 
 def tolerance_of(problem: Problem) -> float:
-    """The residual that may be left of an equilibrium of ``problem``."""
+    """Return the largest residual of an equilibrium of ``problem``."""
     return TOLERANCE if problem.contact is None else _TOUCHING
 
 
@@ -256,89 +257,88 @@ def advance(
     step: float,
     smallest: float,
 ) -> None:
-    """Go the way from 0 to 1 by steps of which the first is ``step`` and none below ``smallest``.
+    """Follow a branch from 0 to 1 by steps: ``step`` is the first, ``smallest`` the least one.
 
-    ``attempt(done, target, is_smallest)`` follows a branch from one part of the way to the next.
-    It returns where Newton's method ended, whether in balance and whether that is accepted. Where
-    the branch ends ``leap(done, found)`` goes to another one, and returns where on the way that
-    is and the next step.
+    ``attempt(done, end, is_smallest)`` follows it from one fraction of the way to the next, and
+    returns the result of Newton's method, whether it is in balance, and whether it is accepted.
+    Where the branch ends, ``leap(done, result)`` changes to another branch, and returns the
+    fraction of the way that this begins at and the next step.
     """
     done = 0.0
     while done < 1.0:
-        target, is_smallest = min(1.0, done + step), step <= smallest
-        found, is_met, is_accepted = attempt(done, target, is_smallest)
+        end, is_smallest = min(1.0, done + step), step <= smallest
+        result, is_balanced, is_accepted = attempt(done, end, is_smallest)
         # The correction grows with the square of the step.
-        factor = math.sqrt(_USUAL_CORRECTION / max(found.corrected, 1e-9))
+        factor = math.sqrt(_USUAL_CORRECTION / max(result.corrected, 1e-9))
         factor = min(max(factor, 0.1), _LONGER)
         if is_accepted:
-            step = (target - done) * (factor if found.iterations <= _QUICKLY else 1.0)
-            done = target
+            step = (end - done) * (factor if result.iterations <= _FEW_ITERATIONS else 1.0)
+            done = end
         elif is_smallest:
-            done, step = leap(done, found)
+            done, step = leap(done, result)
         else:
-            shorter = min(factor, _SHORTER) if is_met else _MUCH_SHORTER
-            step = max(shorter * (target - done), smallest)
+            shorter = min(factor, _SHORTER) if is_balanced else _MUCH_SHORTER
+            step = max(shorter * (end - done), smallest)
 
 
 def follow(
     problem: Problem,
-    known: Condition,
+    initial: Condition,
     z: FloatArray,
-    wanted: Condition,
+    target: Condition,
     spending: Spending,
     step: float = 1.0,
-    roughly: bool = False,
+    is_rough: bool = False,
 ) -> Verdict:
-    """Follow the equilibrium of twists ``z`` (N, m) under ``known`` to the condition ``wanted``.
+    """Follow the equilibrium of twists ``z`` (N, m) from the condition ``initial`` to ``target``.
 
-    In one step where Newton's method then converges, else in several, of which the first is the
-    fraction ``step`` of the way.
+    The first step is the fraction ``step`` of the way.
 
     Returns:
-        A stable equilibrium whose residual is at most `tolerance_of`; ``roughly`` one as on the
-        way, or, where the branch ends, the last one on it.
+        A stable equilibrium whose residual is at most `tolerance_of`. If ``is_rough``, one with
+        the residual of those on the way, or the last one on a branch that ends.
 
     Raises:
-        ConvergenceError: if none was found.
-        ContinuationError: if it would take more than the budget of ``spending``.
+        ConvergenceError: if there is no equilibrium to be found.
+        ContinuationError: if the search would take more than the budget of ``spending``.
     """
-    last: tuple[FloatArray, float] | None = None  # twists before the last step, and its size
+    previous: tuple[FloatArray, float] | None = None  # twists before the last step, and its size
     reached: Verdict | None = None
 
-    def attempt(done: float, target: float, is_smallest: bool) -> tuple[NewtonResult, bool, bool]:
-        nonlocal z, last, reached
-        tolerance = ON_THE_WAY if roughly or target < 1.0 else tolerance_of(problem)
-        guess = z if last is None else z + (target - done) / last[1] * (z - last[0])
-        begun = problem.evaluate(problem.at_nodes(known.towards(wanted, target)), guess)
-        found = newton(problem, begun, tolerance)
-        spending.add(found.iterations, done, found.state.residual)
-        is_met = found.state.residual <= tolerance and not problem.passes(z, found.state.z)
+    def attempt(done: float, end: float, is_smallest: bool) -> tuple[NewtonResult, bool, bool]:
+        nonlocal z, previous, reached
+        tolerance = ON_THE_WAY if is_rough or end < 1.0 else tolerance_of(problem)
+        guess = z if previous is None else z + (end - done) / previous[1] * (z - previous[0])
+        guess_state = problem.evaluate(problem.at_nodes(initial.towards(target, end)), guess)
+        result = newton(problem, guess_state, tolerance)
+        spending.add(result.iterations, done, result.state.residual)
+        is_balanced = result.state.residual <= tolerance and not problem.passes(z, result.state.z)
         is_last = is_smallest and not problem.others.without_tangent
         verdict = None
-        if is_met and (found.corrected <= MOST_CORRECTED or is_last):
-            verdict = judge_stable(problem, found.state)
+        if is_balanced and (result.corrected <= MOST_CORRECTED or is_last):
+            verdict = judge_stable(problem, result.state)
             is_firm = not is_last if verdict is None else verdict.stability.is_firm
             if tolerance > _CLOSER and not is_firm:
-                # Near the end of a branch what a rough balance leaves decides where the arm goes.
-                found, verdict = _closer(problem, found, verdict)
-                spending.add(found.iterations, done, found.state.residual)
+                # Near the end of a branch the residual of a rough balance decides the direction.
+                result, verdict = _closer(problem, result, verdict)
+                spending.add(result.iterations, done, result.state.residual)
         if verdict is not None:
-            last, z, reached = (z, target - done), verdict.state.z, verdict
-        return found, is_met, verdict is not None
+            previous, z, reached = (z, end - done), verdict.state.z, verdict
+        return result, is_balanced, verdict is not None
 
-    def leap(done: float, found: NewtonResult) -> tuple[float, float]:
-        nonlocal z, last, reached
+    def leap(done: float, result: NewtonResult) -> tuple[float, float]:
+        nonlocal z, previous, reached
         if problem.others.without_tangent:
-            # No direction of descent follows without the tangent.
-            raise _unbalanced(found.state, spending.iterations)
-        if roughly and reached is not None:
+            # Without the tangent stiffness there is no direction of descent.
+            raise _unbalanced(result.state, spending.iterations)
+        if is_rough and reached is not None:
             return 1.0, step
-        # The branch ends or is unstable. Just past its end the imbalance is small and descent
-        # slow, so that it begins a little further on.
-        target = min(1.0, done + BEYOND)
-        reached = descend(problem, known.towards(wanted, target), z, spending, done)
-        last, z = None, reached.state.z
-        return target, BEYOND
+        # The branch ends or is unstable. Just past its end the imbalance is small and a descent
+        # slow, so the descent begins a little further on.
+        end = min(1.0, done + BEYOND)
+        reached = descend(problem, initial.towards(target, end), z, spending, done)
+        previous, z = None, reached.state.z
+        return end, BEYOND
 
     advance(attempt, leap, step, SMALLEST_STEP)
     assert reached is not None
@@ -346,15 +346,15 @@ def follow(
 
 
 def _closer(
-    problem: Problem, found: NewtonResult, verdict: Verdict | None
+    problem: Problem, result: NewtonResult, verdict: Verdict | None
 ) -> tuple[NewtonResult, Verdict | None]:
-    """What is ``found``, settled to `_CLOSER`, and ``verdict`` where it was not seen to be stable.
+    """Reduce the residual of ``result`` to `_CLOSER`, and test its stability if not known.
 
-    None in place of the latter where it is not, or not near what was found.
+    The second value is the verdict; None if the equilibrium is unstable, or moved too far.
     """
-    rough = found.state
-    closer = newton(problem, rough, _CLOSER, found.factors)
-    closer = closer._replace(corrected=found.corrected + problem.turn(closer.state.z - rough.z))
+    state = result.state
+    closer = newton(problem, state, _CLOSER, result.factors)
+    closer = closer._replace(corrected=result.corrected + problem.turn(closer.state.z - state.z))
     if closer.corrected > MOST_CORRECTED:
         return closer, None
     if verdict is None:
@@ -363,7 +363,7 @@ def _closer(
 
 
 def judge_stable(problem: Problem, state: State) -> Verdict | None:
-    """The equilibrium ``state`` if it is stable."""
+    """Return the verdict of the equilibrium ``state`` if it is stable, else None."""
     verdict = judge(problem, state)
     return verdict if verdict.stability.is_stable else None
 
@@ -373,7 +373,7 @@ def descend(
 ) -> Verdict:
     """Minimise the potential energy from ``z`` by the method of Levenberg and Marquardt.
 
-    Each step is a Newton step with sections that are stiffened by a damping, which is raised until
+    Each step is a Newton step with sections that a damping stiffens. The damping is raised until
     a step lowers the energy without going far past its minimum along the step. ``part`` is the
     fraction of the way followed so far, for the error.
 
@@ -381,8 +381,8 @@ def descend(
         A stable equilibrium whose residual is at most `tolerance_of`, or `_LEVEL`.
 
     Raises:
-        ConvergenceError: if none is found.
-        ContinuationError: if it would take more than the budget of ``spending``.
+        ConvergenceError: if there is none to be found.
+        ContinuationError: if the search would take more than the budget of ``spending``.
     """
     state = problem.evaluate(problem.at_nodes(condition), z)
     damping, perturbed = _FIRST_DAMPING, 0
@@ -398,9 +398,9 @@ def descend(
             state, damping = _perturbed(problem, verdict), _FIRST_DAMPING
         if damping > _MOST_DAMPING:
             break
-        if state.residual <= _NEARLY:
+        if state.residual <= _NEAR_BALANCE:
             new = _newton_step(problem, state)
-            if new is not None and new.residual <= _QUICK * state.residual:
+            if new is not None and new.residual <= _PROGRESS * state.residual:
                 state = new
                 continue
             if state.residual <= _LEVEL and damping <= _LITTLE_DAMPING:
@@ -416,7 +416,7 @@ def _unbalanced(state: State, iterations: int) -> ConvergenceError:
 
 
 def _perturbed(problem: Problem, verdict: Verdict) -> State:
-    """An unstable equilibrium moved along its softest mode, downhill if it is inclined."""
+    """Return the state of an unstable equilibrium moved along its softest mode, downhill."""
     state = verdict.state
     mode = verdict.variation.softest()[1].reshape(state.z.shape)
     mode = mode * (_PERTURBATION / problem.turn(mode))
@@ -426,7 +426,7 @@ def _perturbed(problem: Problem, verdict: Verdict) -> State:
 
 
 def _newton_step(problem: Problem, state: State) -> State | None:
-    """The state after a step of Newton's method; None where there is none, or it leads uphill."""
+    """Return the state after a Newton step; None if it is impossible or raises the energy."""
     try:
         step = problem.linearise(state).solve(-state.imbalance.ravel()).reshape(state.z.shape)
     except ConvergenceError:
@@ -437,19 +437,18 @@ def _newton_step(problem: Problem, state: State) -> State | None:
 
 
 def _descent_step(problem: Problem, state: State, damping: float) -> tuple[State, float]:
-    """The state after a damped step, and the damping of the next.
+    """Return the state after a damped step, and the damping of the next.
 
-    The same state where the step raises the energy, or leads far past its minimum along itself.
+    The state is the same if the step raises the energy, or goes far past its minimum.
     """
     raised = max(_RAISED * damping, _LEAST_DAMPING)
     problem.fill_jacobian(state, damping)
-    # Where the second variation is not positive a step leads to a saddle of the energy, on the
-    # other side of it perhaps.
+    # If the second variation is not positive, a step may lead to a saddle of the energy.
     variation = problem.variation()
     try:
         if not variation.is_positive():
-            # As much as makes the softest mode as stiff as it is unstable, and no more: where the
-            # energy is nearly level the way down is long.
+            # This makes the softest mode as stiff as it is unstable. More damping would make the
+            # descent slow where the energy is nearly level.
             return state, 2.0 * (damping - variation.softest()[0])
         factors = factorise(problem.work.jacobian.copy())
     except ConvergenceError:
@@ -459,9 +458,9 @@ def _descent_step(problem: Problem, state: State, damping: float) -> tuple[State
         return state, raised
     new = problem.evaluate(state.at_nodes, state.z + step)
     down = problem.power(state, step)
-    left = problem.power(new, step)
-    if not (down > 0.0 and np.isfinite(new.residual) and left > -0.5 * down):
+    remaining = problem.power(new, step)
+    if not (down > 0.0 and np.isfinite(new.residual) and remaining > -0.5 * down):
         return state, raised
-    # Where the energy still falls at its end, the step could have been longer.
-    damping *= 0.25 if left > 0.25 * down else 0.5
+    # If the energy still falls at the end of the step, it could have been longer.
+    damping *= 0.25 if remaining > 0.25 * down else 0.5
     return new, damping if damping > _NO_DAMPING else 0.0

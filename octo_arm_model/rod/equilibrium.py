@@ -1,4 +1,4 @@
-"""The equations of one arm at its nodes, and a state of it, in equilibrium or not."""
+"""The equations of one arm at its nodes, and its states, in equilibrium or not."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ from octo_arm_model.rod.tendons import Tendons, unloaded_tendons, unloaded_twist
 
 
 class Condition(NamedTuple):
-    """What acts on the arm.
+    """The condition of an arm: tensions, loads, and lengths that winches hold.
 
     Attributes:
-        tensions: of the tendons at the base, (J,), or at every node, (N, J) [N].
+        tensions: tensions of the tendons at the base, (J,), or at every node, (N, J) [N].
         tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
-        factor: on all other loads [-], from 0 to 1.
-        before: tensions (M, J) [N] at the points of `Friction.fine` from which tendons slide;
-            None for slack ones.
-        lengths: reeled in by winches [m], (J,); they count where a tendon is driven.
-        driven: whether winches hold the length of a tendon, else its tension, (J,); empty where
-            there are none.
+        factor: factor on all other loads [-], from 0 to 1.
+        before: tensions at the points `Friction.fine` from which tendons with friction slide,
+            (M, J) [N]; None if they were slack.
+        lengths: lengths that winches have reeled in [m], (J,), used where ``driven``.
+        driven: whether a winch holds the length of a tendon, not its tension, (J,); empty if there
+            are no winches.
     """
 
     tensions: FloatArray
@@ -54,7 +54,7 @@ class Condition(NamedTuple):
     driven: NDArray[np.bool_] = np.zeros(0, np.bool_)
 
     def towards(self, other: Condition, part: float) -> Condition:
-        """This one, moved by ``part`` of the way to ``other``."""
+        """Return the condition at the fraction ``part`` of the way to an ``other`` one."""
         if part == 1.0:
             return other
         lengths = self.lengths if other.driven.size else other.lengths
@@ -67,14 +67,14 @@ class Condition(NamedTuple):
 
 
 class NodeCondition(NamedTuple):
-    """A condition at the nodes.
+    """Tensions and loads of a condition at the nodes.
 
     Attributes:
         condition: the condition.
-        tensions: of every tendon at every node [N], (N, J).
-        force: of all loads beyond each node, in base_frame, (N, 3) [N].
-        couple: their free moment, without what forces have of it, (N, 3) [N m].
-        dead: force and couple of those loads that do not follow the shape, (2, N, 3).
+        tensions: tension of every tendon at every node [N], (N, J).
+        force: force of all loads beyond each node, in base_frame, (N, 3) [N].
+        couple: free moment of these loads, without the moment of the forces, (N, 3) [N m].
+        dead: force and couple of the loads that do not depend on the shape, (2, N, 3).
     """
 
     condition: Condition
@@ -85,15 +85,16 @@ class NodeCondition(NamedTuple):
 
 
 class State(NamedTuple):
-    """Twists under a condition, in equilibrium or not.
+    """Twists of an arm in a condition, in equilibrium or not.
 
     Attributes:
-        at_nodes: what acts on the arm.
+        at_nodes: tensions and loads at the nodes.
         z: twists, (N, m) [1/m and -].
         imbalance: gradient of the energy less the wrench of the loads, (N, m) [N m and N].
-        residual: the largest, over its scale [-]; NaN where a strain is impossible.
-        reeled: what winches have reeled in [m], (J,); of slack tendons what would make them taut.
-        wrong: what that lacks [m], (J,), zero of tendons that are not driven.
+        residual: largest imbalance over its scale [-]; NaN where a strain is impossible.
+        reeled: lengths that winches have reeled in, or that would make slack tendons taut [m],
+            (J,).
+        wrong: target less ``reeled`` [m], (J,); zero for tendons that are not driven.
     """
 
     at_nodes: NodeCondition
@@ -105,7 +106,7 @@ class State(NamedTuple):
 
     @property
     def condition(self) -> Condition:
-        """What acts on the arm."""
+        """The condition of the arm."""
         return self.at_nodes.condition
 
 
@@ -113,15 +114,15 @@ class Equilibrium(NamedTuple):
     """A stable equilibrium of a `Rod`.
 
     Attributes:
-        state: twists at the nodes and what acts on them.
-        level: of `elements.LEVELS`.
-        factors: of the Jacobian at an equilibrium nearby; None of an arm without loads.
-        firm_state: that one, where it was seen to be stable by a margin; else None.
-        iterations: made in all.
-        fine: twists at the finer points, of an arm without loads.
-        key: by which `RecentFactors` has the factors of the equilibrium of a shape.
-        guess: of the twists of the next equilibrium, (N, m), from which it is not followed where
-            they lead to none. None for those of this one.
+        state: twists at the nodes, and the condition.
+        level: index in `elements.LEVELS` of the level of its nodes.
+        factors: factors of the Jacobian at an equilibrium nearby; None for an arm without loads.
+        firm_state: that equilibrium if it was found to be stable by a margin; else None.
+        iterations: number of all iterations.
+        fine: twists at the finer points, for an arm without loads.
+        key: key of the factors of this equilibrium in `RecentFactors`.
+        guess: twists from which the next search starts, (N, m), without continuation if it fails;
+            None to start from these twists.
     """
 
     state: State
@@ -138,21 +139,22 @@ class Problem:
     """The residual and Jacobian of one arm under its loads.
 
     Attributes:
-        elements: where the nodes are.
-        tables: of the arm at the nodes.
+        elements: the elements and their nodes.
+        tables: the arm at the nodes.
         form: the node functions.
-        work: what they computed last.
-        loads: dead ones, all but the wrench on the tip.
+        work: arrays with the results of the last node functions.
+        loads: dead loads, all but the wrench on the tip.
         others: loads of other kinds.
-        contact: with obstacles; None where there are none.
-        touching: force and moment per length by these, where they are known from other nodes,
+        contact: contact with obstacles; None if there are no obstacles.
+        touching: force and moment per length by obstacles, if they are known from other nodes,
             (2, N, 3) [N/m, N].
-        strains: 4, or 6 with shear.
-        friction: of the tendons; None where they have none.
-        discs: that hold the tendons; None where the body does.
+        strains: number of strains of a section: 4, or 6 with shear.
+        friction: friction of the tendons; None if they have none.
+        discs: discs that guide the tendons; None if the body does.
+        measure: weights of squared twists whose sum is the mean square strain, (N m,).
     """
 
-    remembered = 1  # residual, see `continuation.newton`
+    remembered = 1  # last residuals that `continuation.newton` compares with
 
     def __init__(
         self,
@@ -164,7 +166,7 @@ class Problem:
         strains: int,
         has_jacobian: bool = True,
     ) -> None:
-        """Of ``arm`` under ``loads``, and its ``tables`` at the nodes of ``elements``."""
+        """Set up ``arm`` under ``loads``, with its ``tables`` at the nodes of ``elements``."""
         self.elements, self.form, self.strains = elements, form, strains
         self.discs = ChordModel(arm, elements, tables, form) if arm.discs.s else None
         self.loads, self._slack = DeadLoads(arm, elements, loads), np.zeros_like(tables.reach)
@@ -192,12 +194,12 @@ class Problem:
         self._held: FloatArray | None = None
         unit = np.ones((elements.s.size, strains))
         unit[:, :3] = tables.body[:, LEVER, np.newaxis]
-        # Squares of twists times this are those of strains, integrated over the arm.
+        # Twists become strains by the lever of the section; squares are averaged over the arm.
         unit *= unit * (elements.weights / elements.edges[-1])[:, np.newaxis]
         self.measure = unit.ravel()
 
     def at_nodes(self, condition: Condition) -> NodeCondition:
-        """The ``condition`` at the nodes."""
+        """Return tensions and dead loads of a ``condition`` at the nodes."""
         tensions = condition.tensions
         if tensions.ndim == 1:
             tensions = np.empty((self.elements.s.size, tensions.size))
@@ -206,35 +208,37 @@ class Problem:
         return NodeCondition(condition, tensions, dead[0], dead[1], dead)
 
     def straight_resultants(self) -> FloatArray:
-        """Force and free moment of all loads but the tip's on the straight rod, (2, N, 3)."""
+        """Return force and free moment of the ``loads`` on the straight rod, (2, N, 3)."""
         dead = self.loads.at(1.0, np.zeros(6))
         return dead + self.others.resultants(self.others.straight())
 
     def evaluate(self, at_nodes: NodeCondition, z: FloatArray) -> State:
-        """The state of twists ``z`` (N, m), which is kept and not to be changed any more."""
-        work, given = self.work, at_nodes.condition.tensions
-        if self._scaled is not given:
-            self._scaled = given
-            work.scale[:] = force_scale(self.tables, given)
+        """Return the state of twists ``z`` (N, m), an array that must not change any more."""
+        work, tensions = self.work, at_nodes.condition.tensions
+        if self._scaled is not tensions:
+            self._scaled = tensions
+            work.scale[:] = force_scale(self.tables, tensions)
         self.form.orientations(self.tables, z, work)
         at_nodes = self._following(at_nodes, z)
-        left = self._fill_residual(at_nodes, z)
+        residual = self._fill_residual(at_nodes, z)
         self._current = self._oriented = z
-        return State(at_nodes, z, work.residual.copy(), left)
+        return State(at_nodes, z, work.residual.copy(), residual)
 
     def _fill_residual(self, at_nodes: NodeCondition, z: FloatArray) -> float:
-        """Fill in the residual under ``at_nodes``, see `forms.Form.residual`."""
-        work, inside = self.work, self.in_sections(at_nodes.tensions)
-        left = self.form.residual(self.tables, z, inside, at_nodes.force, at_nodes.couple, work)
+        """Compute the imbalance under ``at_nodes``, and return the largest relative residual."""
+        work, tensions = self.work, self.in_sections(at_nodes.tensions)
+        residual = self.form.residual(
+            self.tables, z, tensions, at_nodes.force, at_nodes.couple, work
+        )
         if self.discs is not None:
             self.discs.add_pull(self.tables, z, at_nodes.tensions, work)
-            left = relative_residual(work.gradient - work.residual, work.scale, work)
-        return left
+            residual = relative_residual(work.gradient - work.residual, work.scale, work)
+        return residual
 
     def wrenches(self, at_nodes: NodeCondition, z: FloatArray) -> tuple[NodeCondition, FloatArray]:
-        """The condition ``at_nodes`` at twists ``z`` (N, m), and wrenches on the sections, (N, m).
+        """Return ``at_nodes`` at twists ``z`` (N, m), and the wrenches on the sections, (N, m).
 
-        Moment and force of all beyond it.
+        A wrench is the moment and the force of all loads beyond the section.
         """
         work = self.work
         self.form.orientations(self.tables, z, work)
@@ -246,7 +250,7 @@ class Problem:
         return at_nodes, -work.residual
 
     def _following(self, at_nodes: NodeCondition, z: FloatArray) -> NodeCondition:
-        """The condition ``at_nodes`` at twists ``z`` (N, m), some of which follows their shape."""
+        """Return ``at_nodes`` with tensions and loads updated to the twists ``z`` (N, m)."""
         at_nodes = self._with_friction(at_nodes, z)
         if not self._follows:
             return at_nodes
@@ -254,49 +258,49 @@ class Problem:
         return at_nodes._replace(force=force, couple=couple)
 
     def _following_loads(self, factor: float, z: FloatArray) -> FloatArray:
-        """Force and free moment of loads that follow the shape, (2, N, 3)."""
+        """Return force and free moment of the loads that depend on the shape, (2, N, 3)."""
         total = np.zeros((2, len(z), 3))
         if self.others.loads:
             total += factor * self.others.resultants(NodeRod(self.others, self.work.quaternion, z))
         if self.contact is not None:
-            # Whole from the first: an obstacle is there before other loads act.
-            known = self.touching
-            density = self.contact.densities(*self._touched()) if known is None else known
+            # The factor does not apply: an obstacle is there before other loads act.
+            given = self.touching
+            density = self.contact.densities(*self._touched()) if given is None else given
             total += self.elements.to_tip @ density
         return total
 
     def in_sections(self, tensions: FloatArray) -> FloatArray:
-        """Those of the local ``tensions`` (N, J) that are in the energy of the cross sections."""
+        """Return the local ``tensions`` (N, J) in the energy of sections: zero with discs."""
         return tensions if self.discs is None else self._slack
 
     def _with_friction(self, at_nodes: NodeCondition, z: FloatArray) -> NodeCondition:
-        """The condition ``at_nodes`` at twists ``z`` (N, m), with friction of the tendons."""
+        """Return ``at_nodes`` with the tensions that friction leaves at twists ``z`` (N, m)."""
         condition = at_nodes.condition
         if self.friction is None or condition.tensions.ndim > 1:
             return at_nodes
-        given = condition.tensions, condition.before
-        self._local = self.friction.hold_along(z, *given, self.work)
+        pull = condition.tensions, condition.before
+        self._local = self.friction.hold_along(z, *pull, self.work)
         return at_nodes._replace(tensions=self._local.tensions)
 
     def step(self, state: State, factors: Linear) -> tuple[FloatArray, Linear]:
-        """Newton's step of the twists by ``factors``, (N m,), and these."""
+        """Return Newton's step of the twists by ``factors``, (N m,), and the ``factors``."""
         return factors.solve(-state.imbalance.ravel()), factors
 
     def moved(self, state: State, step: FloatArray, _: Linear) -> State:
-        """The ``state`` after a `step`."""
+        """Return the ``state`` after a ``step`` (N m,) of the twists."""
         return self.evaluate(state.at_nodes, state.z + step.reshape(state.z.shape))
 
     def local_tensions(self, state: State) -> LocalTensions:
-        """The tensions that friction leaves in ``state``."""
+        """Return the tensions that friction leaves in ``state``."""
         self.load_work(state)
         assert self._local is not None
         return self._local
 
     def tendons(self, state: State) -> Tendons:
-        """The tendons in ``state``; those of the last one are kept."""
+        """Return the tendons in ``state``; those of the last state are cached."""
         if self._tendons is None or not _are_same(self._tendons[0], state):
             if self.tables.compliance.any() or self.discs is not None:
-                self.load_work(state)  # their offsets in sheaths, orientations
+                self.load_work(state)  # for offsets in sheaths, and orientations
             tendons = self._make_tendons(state.z, state.at_nodes.tensions)
             self._tendons = state, tendons
         return self._tendons[1]
@@ -316,29 +320,29 @@ class Problem:
         return self._make_tendons(z, np.zeros_like(self.tables.reach))
 
     def history(self, state: State) -> FloatArray:
-        """Tensions (M, J) [N] at the points of `Friction.fine`, from which tendons slide on."""
+        """Return tensions (M, J) [N] at `Friction.fine`, from which tendons slide next."""
         assert self.friction is not None
         return self.friction.history(self.local_tensions(state), state.condition.tensions)
 
     def first_tensions(self, condition: Condition, z: FloatArray) -> FloatArray:
-        """Tensions (N, J) [N] that bend an arm less than ``z`` (N, m), which full ones bend."""
+        """Return a guess of local tensions (N, J) [N] by ``z``, the twists without friction."""
         local = self.local_tensions(self.evaluate(self.at_nodes(condition), z))
         assert self.friction is not None
-        # Exact for a curvature in proportion to the tension of a tendon that is drawn in.
+        # This is exact if the curvature is proportional to the tension of a tendon drawn in.
         mu = np.maximum(self.tables.friction, 1e-30)
         angle = np.log1p(mu * local.angle) / mu
         return self.friction.hold(condition.tensions, condition.before, angle).tensions
 
     def _touched(self) -> tuple[FloatArray, NodeMotion | None]:
-        """Where the nodes are, (N, 3) [m], and how they slide on obstacles."""
+        """Return positions (N, 3) [m] of the nodes, and their motion; None at rest."""
         return self.places(), None
 
     def places(self) -> FloatArray:
-        """Where the nodes are whose orientations are in `work`, from the base, (N, 3) [m]."""
+        """Return the positions (N, 3) [m] of the nodes from the base, by the arrays in `work`."""
         return np.asarray(self.elements.from_base @ self.work.slope)
 
     def passes(self, before: FloatArray, after: FloatArray) -> bool:
-        """Whether an arm goes through an obstacle from twists ``before`` to ``after``, (N, m)."""
+        """Whether the arm passes through an obstacle from twists ``before`` to ``after``."""
         if self.contact is None:
             return False
         self.orient(before)
@@ -347,23 +351,23 @@ class Problem:
         return self.contact.has_passed(start, self.places())
 
     def orient(self, z: FloatArray) -> None:
-        """Have the orientations and r' of twists ``z`` (N, m) in `work`."""
+        """Fill `work` with the orientations and r' of twists ``z`` (N, m)."""
         if self._oriented is not z:
             self.form.orientations(self.tables, z, self.work)
             self._current, self._oriented = None, z
 
     def position_error(self, z: FloatArray) -> float:
-        """Estimated error of positions over the length of the arm [-], of twists ``z`` (N, m)."""
+        """Return the estimated error of positions over the length [-] for twists ``z`` (N, m)."""
         self.orient(z)
         return float(self.form.poses(self.tables, z, self._tip, self.work)[2][0])
 
     def load_work(self, state: State) -> None:
-        """Have in `work` what belongs to ``state``."""
+        """Fill `work` with the arrays of ``state``, unless it has them."""
         if self._current is not state.z:
             self.evaluate(state.at_nodes, state.z)
 
     def linearise(self, state: State, damping: float = 0.0) -> Factors:
-        """Factors of the Jacobian at ``state``, with sections stiffer by ``damping``.
+        """Return factors of the Jacobian at ``state``, with sections stiffer by ``damping``.
 
         Raises:
             ConvergenceError: if it is singular.
@@ -372,16 +376,16 @@ class Problem:
         return factorise(self.work.jacobian.copy())
 
     def variation(self) -> Variation:
-        """The second variation of the energy, of the Jacobian that was filled in last."""
+        """Return the second variation of the energy, by the Jacobian that was computed last."""
         held = self.work.jacobian if self._held is None else self._held
         return Variation(held, self.work.hessian, self.elements.weights)
 
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
-        """The Jacobian at ``state``, with sections stiffer by ``damping``, into `work`."""
+        """Compute the Jacobian at ``state``, with sections stiffer by ``damping``, in `work`."""
         self.load_work(state)
         at_nodes = state.at_nodes
-        inside = self.in_sections(at_nodes.tensions)
-        self.form.jacobian(self.tables, state.z, inside, at_nodes.force, self.work)
+        tensions = self.in_sections(at_nodes.tensions)
+        self.form.jacobian(self.tables, state.z, tensions, at_nodes.force, self.work)
         if self.discs is not None:
             self.discs.add_tangent(self.tables, state.z, at_nodes.tensions, self.work)
         if self.others.loads:
@@ -398,12 +402,12 @@ class Problem:
                 derivatives.add_to(self.work.jacobian)
 
     def _add_contact(self) -> None:
-        """Add to the Jacobian what obstacles do."""
+        """Add the stiffness of contact with obstacles to the Jacobian."""
         if self.contact is not None and (tangents := self.contact.tangents(*self._touched())):
             add_tangents(self.elements, self.work, self.strains, tangents)
 
     def tension_derivatives(self, state: State) -> TensionDerivatives | None:
-        """Derivatives of local tensions at ``state``; None without friction, or of given ones."""
+        """Return derivatives of local tensions; None without friction or if these are given."""
         if self.friction is None or state.condition.tensions.ndim > 1:
             return None
         if self._derivatives is None or not _are_same(self._derivatives[0], state):
@@ -418,40 +422,40 @@ class Problem:
         return self._derivatives[1]
 
     def tension_rates(self, state: State) -> FloatArray:
-        """Derivative of local tensions by those at the base at fixed twists, (N, J) [-]."""
+        """Return the derivative of local tensions by those at the base, twists fixed, (N, J)."""
         derivatives = self.tension_derivatives(state)
         return self.tables.reach if derivatives is None else derivatives.by_base_tension
 
     def has_energy(self, condition: Condition) -> bool:
-        """Whether all loads derive from an energy: a moment fixed in base_frame does not."""
+        """Whether all loads derive from an energy; a moment fixed in base_frame does not."""
         return not (self.loads.has_moments or self.others.loads or condition.tip_wrench[3:].any())
 
     def turn(self, change: FloatArray) -> float:
-        """How far a ``change`` (N, m) of the twists turns the arm, all its bends added [rad]."""
+        """Return the integral of the bends of a ``change`` (N, m) of the twists [rad]."""
         bends = change[:, :3]
         return float(np.sqrt(np.einsum('ic,ic->i', bends, bends)) @ self.elements.weights)
 
     def power(self, state: State, change: FloatArray) -> float:
-        """What the imbalance of ``state`` does on a ``change`` (N, m), as a loss of energy [J]."""
+        """Return the loss of energy [J], to first order, by a ``change`` (N, m) of the twists."""
         return -float((state.imbalance * change).sum(axis=1) @ self.elements.weights)
 
 
-def _are_same(one: State, other: State) -> bool:
-    return one.z is other.z and one.at_nodes is other.at_nodes
+def _are_same(a: State, b: State) -> bool:
+    return a.z is b.z and a.at_nodes is b.at_nodes
 
 
 # Sections by themselves --------------------------------------------------------------------------
 
-OF_SECTIONS = 5e-11  # residual that may be left
+OF_SECTIONS = 5e-11  # allowed residual
 _BY_NODE = ('body', 'tendons', 'active', 'reach', 'least_scale')
 
 
 def balance_sections(
     form: Form, tables: Tables, work: Work, tensions: FloatArray, z: FloatArray
 ) -> tuple[float, int]:
-    """Bring the twists ``z`` (n, m) to balance under ``tensions`` (n, J) [N] alone.
+    """Find the twists ``z`` (n, m) that balance ``tensions`` (n, J) [N] without other loads.
 
-    From where they are, or from those of parallel tendons where they are zero.
+    The search starts from ``z``, or from the twists of parallel tendons where these are zero.
 
     Returns:
         Residual and number of steps.
@@ -459,36 +463,36 @@ def balance_sections(
     Raises:
         ConvergenceError: if it does not converge.
     """
-    left, steps = form.balance(tables, z, tensions, np.zeros_like(z), OF_SECTIONS, work)
-    if not left <= OF_SECTIONS:
-        raise ConvergenceError('the balance of the cross sections', left, steps)
-    return left, steps
+    residual, steps = form.balance(tables, z, tensions, np.zeros_like(z), OF_SECTIONS, work)
+    if not residual <= OF_SECTIONS:
+        raise ConvergenceError('the balance of the cross sections', residual, steps)
+    return residual, steps
 
 
 class ArmBatch:
-    """Arms without loads at the nodes of a `Problem`, one after the other.
+    """Several arms without loads, with the nodes of a `Problem` one arm after the other.
 
     Attributes:
-        tables: of all nodes of all arms; elements and weights are those of one.
-        work: for these.
+        tables: tables of all nodes of all arms, with the elements and weights of one.
+        work: arrays for these nodes.
     """
 
     def __init__(self, problem: Problem, arms: int) -> None:
-        """Of so many ``arms``."""
-        self._problem, own = problem, problem.tables
+        """Repeat the tables of ``problem`` for so many ``arms``."""
+        self._problem, tables = problem, problem.tables
         tiled: dict[str, Any] = {
-            name: np.concatenate([getattr(own, name)] * arms) for name in _BY_NODE
+            name: np.concatenate([getattr(tables, name)] * arms) for name in _BY_NODE
         }
-        self.tables = own._replace(**tiled)
+        self.tables = tables._replace(**tiled)
         self.work = work_arrays(self.tables, problem.strains, has_jacobian=False)
 
     def balance(self, tensions: FloatArray) -> tuple[FloatArray, float, int]:
-        """See `balance_sections`, of arms under ``tensions`` (A, J) [N]."""
+        """Return twists, residual and steps of `balance_sections` for ``tensions`` (A, J) [N]."""
         local = np.repeat(tensions, self._problem.elements.s.size, axis=0)
         z = np.zeros((len(local), self._problem.strains))
         return z, *balance_sections(self._problem.form, self.tables, self.work, local, z)
 
     def poses(self, z: FloatArray, places: Places) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """See `loops.poses`."""
+        """Return positions (A, S, 3), orientations (A, S, 4) and errors (A,) at the ``places``."""
         self._problem.form.orientations(self.tables, z, self.work)
         return self._problem.form.poses(self.tables, z, places, self.work)

@@ -1,9 +1,9 @@
-"""LU factors of the Jacobian, and what its symmetric part says of stability.
+"""LU factors of the Jacobian, and the stability of an equilibrium by its symmetric part.
 
-Under loads that have an energy w_i J is its second variation at an equilibrium: the arm is stable
-where that is positive definite. Under others (a moment fixed in base_frame) a positive symmetric
-part suffices; where it is not positive the sign of the determinant tells, which changes where a
-branch of equilibria turns or another crosses it.
+If the loads have an energy, w_i J is the second variation of the energy at an equilibrium, and the
+arm is stable where that is positive definite. Under other loads (a moment fixed in base_frame) a
+positive symmetric part is sufficient. If it is not positive, the sign of the determinant decides:
+it changes where a branch of equilibria turns or where another one crosses it.
 """
 
 from __future__ import annotations
@@ -18,28 +18,27 @@ from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf
 from octo_arm_model.arm.errors import ConvergenceError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 
-# Part of the stiffness of the sections that the second variation has to exceed, for an equilibrium
-# that stays stable under small changes.
+# An equilibrium is stable by a margin if the second variation exceeds this part of the stiffness
+# of the sections: it then stays stable under small changes.
 FIRM = 0.3
-# The same, as far as a neutral equilibrium is one to rounding: an arm that may turn about the
-# vertical.
+# Down to minus this part it is neutral to rounding, as of an arm free to turn about the vertical.
 NEUTRAL = 1e-7
 
 
 class Linear(Protocol):
-    """What solves the linearised balance at tensions that are held."""
+    """A factorised linear system: the balance linearised at fixed tensions."""
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """Solution (n,) or (n, k) of the system with the ``right`` sides."""
+        """Return the solution (n,) or (n, k) for the right-hand sides ``right``."""
 
 
 class Factors(NamedTuple):
     """LU factors of a Jacobian.
 
     Attributes:
-        factors: as of LAPACK's getrf, of the transposed matrix.
-        pivots: of the same.
-        sign: of the determinant, 1 or -1.
+        factors: the factors of the transposed matrix, as LAPACK's getrf returns them.
+        pivots: its pivots.
+        sign: the sign of the determinant, 1 or -1.
     """
 
     factors: FloatArray
@@ -47,23 +46,23 @@ class Factors(NamedTuple):
     sign: int
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """Solution (n,) or (n, k) of the system with the ``right`` sides."""
-        found, _ = dgetrs(self.factors, self.pivots, right, trans=1)
-        return np.asarray(found)
+        """Return the solution (n,) or (n, k) for the right-hand sides ``right``."""
+        solution, _ = dgetrs(self.factors, self.pivots, right, trans=1)
+        return np.asarray(solution)
 
 
 class BlockFactors(NamedTuple):
-    """As `Factors`, of a Jacobian that is one block for each node: of an arm without loads.
+    """Factors of a block-diagonal Jacobian with a block for each node: an arm without loads.
 
     Attributes:
-        inverse: of the blocks, (N, m, m).
+        inverse: the inverses of the blocks, (N, m, m).
     """
 
     inverse: FloatArray
 
     @classmethod
     def of(cls, hessian: FloatArray) -> BlockFactors:
-        """Of the sections' ``hessian`` (N, m, m).
+        """Invert the Hessians ``hessian`` (N, m, m) of the sections.
 
         Raises:
             ConvergenceError: if one is singular or not finite.
@@ -77,30 +76,31 @@ class BlockFactors(NamedTuple):
         return cls(np.asarray(inverse, dtype=np.float64))
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """See `Factors.solve`."""
+        """Return the solution (n,) or (n, k), block by block, for the sides ``right``."""
         nodes, strains = self.inverse.shape[:2]
         return np.asarray(self.inverse @ right.reshape(nodes, strains, -1)).reshape(right.shape)
 
 
 class RecentFactors:
-    """Factors of the last few shapes that were found, or that a solve began with.
+    """A cache of the factors of the shapes that were solved, or started from, most recently.
 
-    They take a hundred times the memory of a shape, of which there may be thousands.
+    The factors of a shape take a hundred times its memory, and a caller may keep thousands of
+    shapes.
     """
 
     def __init__(self, most: int, numbers: int) -> None:
-        """Of so many shapes, and of matrices of so many ``numbers`` in all, at ``most``."""
+        """Keep at most ``most`` shapes, and matrices with at most ``numbers`` entries in all."""
         self._most, self._numbers = most, numbers
         self._factors, self._sizes = OrderedDict[object, Linear](), dict[object, int]()
 
     def find(self, key: object) -> Linear | None:
-        """The factors of the shape of this ``key``; None where others have replaced them."""
+        """Return the factors of the shape with this ``key``; None if they were dropped."""
         if key in self._factors:
             self._factors.move_to_end(key)
         return self._factors.get(key)
 
     def add(self, key: object, factors: Linear, rows: int) -> None:
-        """Keep the ``factors`` of the shape of this ``key``, of a matrix of so many ``rows``."""
+        """Keep the ``factors`` of a matrix with so many ``rows`` under the ``key`` of a shape."""
         self._factors[key], self._sizes[key] = factors, rows * rows
         while len(self._factors) > self._most or (
             sum(self._sizes.values()) > self._numbers and len(self._factors) > 1
@@ -110,19 +110,19 @@ class RecentFactors:
 
 
 class LazyFactors:
-    """As `Factors`, of a Jacobian that is factorised when a solution is first asked for."""
+    """Factors of a Jacobian that is factorised when a solution is first asked for."""
 
     def __init__(self, jacobian: FloatArray) -> None:
-        """Of a ``jacobian`` (n, n) that nobody changes."""
+        """Keep a ``jacobian`` (n, n), which must not change any more."""
         self._jacobian: FloatArray | None = jacobian
         self._factors: Factors | None = None
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """See `Factors.solve`; raises ConvergenceError as `factors`."""
+        """Return the solution for the sides ``right``; raise ConvergenceError if singular."""
         return self.factors().solve(right)
 
     def factors(self) -> Factors:
-        """LU factors.
+        """Return the LU factors, which are computed the first time.
 
         Raises:
             ConvergenceError: if the Jacobian is singular or not finite.
@@ -134,12 +134,12 @@ class LazyFactors:
 
 
 def factorise(jacobian: FloatArray) -> Factors:
-    """Factors of a ``jacobian`` (n, n) in rows, which is overwritten.
+    """Return the LU factors of a row-major ``jacobian`` (n, n), which is overwritten.
 
     Raises:
         ConvergenceError: if it is singular or not finite.
     """
-    # Rows of the matrix are columns of its transpose, as LAPACK reads it.
+    # LAPACK reads columns: the rows of the matrix are the columns of its transpose.
     factors, pivots, problem = dgetrf(jacobian.T, overwrite_a=1)
     diagonal = factors.diagonal()
     if problem or not np.isfinite(diagonal).all():
@@ -150,11 +150,11 @@ def factorise(jacobian: FloatArray) -> Factors:
 
 
 class Stability(NamedTuple):
-    """What the system at an equilibrium says of it.
+    """The stability of an equilibrium.
 
     Attributes:
         is_stable: whether it is stable.
-        is_firm: whether it is by the margin `FIRM`.
+        is_firm: whether it is stable by the margin `FIRM`.
     """
 
     is_stable: bool
@@ -162,10 +162,10 @@ class Stability(NamedTuple):
 
 
 class Variation:
-    """The second variation of the energy at an equilibrium, as a form of the twists."""
+    """The second variation of the energy at an equilibrium, as a quadratic form of the twists."""
 
     def __init__(self, jacobian: FloatArray, hessian: FloatArray, weights: FloatArray) -> None:
-        """Of a ``jacobian`` (N m, N m) with the sections' ``hessian`` (N, m, m).
+        """Symmetrise a ``jacobian`` (N m, N m) with the sections' Hessians ``hessian`` (N, m, m).
 
         ``weights`` (N,) are those of the integral along the arm.
         """
@@ -175,11 +175,11 @@ class Variation:
         self._is_soft = not (np.diagonal(hessian, axis1=1, axis2=2) > 0.0).all()
 
     def add(self, rows: FloatArray) -> None:
-        """Add the squares of ``rows`` (k, N m) of the twists: of springs of stiffness one."""
+        """Add springs of stiffness one whose extensions are ``rows`` (k, N m) of the twists."""
         self.form += rows.T @ rows
 
     def stability(self) -> Stability:
-        """Whether it is positive, and by what margin."""
+        """Return whether the form is positive, and whether by the margin `FIRM`."""
         if self._is_soft:
             return Stability(False, False)
         if self._exceeds(FIRM):
@@ -187,11 +187,11 @@ class Variation:
         return Stability(self._exceeds(-NEUTRAL), False)
 
     def is_positive(self) -> bool:
-        """Whether it is positive definite."""
+        """Whether the form is positive definite."""
         return not self._is_soft and self._exceeds(0.0)
 
     def softest(self) -> tuple[float, FloatArray]:
-        """Least eigenvalue [-], in parts of the sections' stiffness, and its twists (N m,).
+        """Return the least eigenvalue over the sections' stiffness [-], and its mode (N m,).
 
         Raises:
             ConvergenceError: if a section has no stiffness.
@@ -207,7 +207,7 @@ class Variation:
         return float(values[0]), np.asarray(vectors[:, 0])
 
     def _exceeds(self, part: float) -> bool:
-        """Whether it exceeds ``part`` of the form of the sections alone."""
+        """Whether the form exceeds ``part`` times the form of the sections alone."""
         form = self.form.copy()
         _diagonal(form, self._sections)[...] -= part * self._sections
         _, problem = dpotrf(form.T, overwrite_a=1, clean=0)
@@ -215,7 +215,7 @@ class Variation:
 
 
 def _diagonal(form: FloatArray, blocks: FloatArray) -> FloatArray:
-    """View of the ``blocks`` (N, m, m) on the diagonal of a ``form`` (N m, N m)."""
+    """Return a view (N, m, m) of the diagonal blocks of a ``form``, of the size of ``blocks``."""
     nodes, strains = blocks.shape[:2]
     view: FloatArray = np.einsum('iaic->iac', form.reshape(nodes, strains, nodes, strains))
     return view

@@ -1,9 +1,10 @@
-"""Which form of the node functions is used: loops compiled by numba, or arrays for NumPy."""
+"""The choice of the form of the node functions: loops compiled by numba, or arrays for NumPy."""
 
 import functools
 import importlib
 import logging
-from typing import Protocol
+from collections.abc import Callable
+from typing import Protocol, TypeAlias
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod import arrays
@@ -18,85 +19,70 @@ from octo_arm_model.rod.tables import (
 )
 
 _LOG = logging.getLogger(__name__)
+_Poses: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class Form(Protocol):
-    """The node functions, see `loops` for what each computes."""
+    """The node functions; `loops` documents the arguments and results of each."""
 
-    def orientations(self, tables: Tables, z: FloatArray, work: Work) -> None:
-        """Orientation and r' of every node."""
+    @property
+    def orientations(self) -> Callable[[Tables, FloatArray, Work], None]:
+        """Computes the orientation and r' of every node."""
 
-    def poses(
-        self, tables: Tables, z: FloatArray, places: Places, work: Work
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions and orientations at places, and estimated errors of positions."""
+    @property
+    def poses(self) -> Callable[[Tables, FloatArray, Places, Work], _Poses]:
+        """Computes poses of places, and estimated errors of positions."""
 
-    def angles(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-        """Angle by which every tendon has turned between the base and every node."""
+    @property
+    def angles(self) -> Callable[[Tables, FloatArray, FloatArray, Work], None]:
+        """Computes the angle by which every tendon turns between the base and every node."""
 
-    def sections(self, tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-        """Gradient and Hessian of the energy of every cross section."""
+    @property
+    def sections(self) -> Callable[[Tables, FloatArray, FloatArray, Work], None]:
+        """Computes gradient and Hessian of the energy of every cross section."""
 
+    @property
     def balance(
         self,
-        tables: Tables,
-        z: FloatArray,
-        tensions: FloatArray,
-        wrench: FloatArray,
-        tolerance: float,
-        work: Work,
-    ) -> tuple[float, int]:
-        """Bring every cross section alone to balance with a wrench."""
+    ) -> Callable[[Tables, FloatArray, FloatArray, FloatArray, float, Work], tuple[float, int]]:
+        """Finds the twists at which every cross section balances its wrench."""
 
+    @property
     def residual(
         self,
-        tables: Tables,
-        z: FloatArray,
-        tensions: FloatArray,
-        force: FloatArray,
-        couple: FloatArray,
-        work: Work,
-    ) -> float:
-        """Imbalance of every cross section under the loads beyond it; orientations are known."""
+    ) -> Callable[[Tables, FloatArray, FloatArray, FloatArray, FloatArray, Work], float]:
+        """Computes the imbalance of every cross section, and the largest relative one."""
 
-    def wrenches(self, tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
-        """Minus what all beyond exerts on every cross section, where orientations are known."""
+    @property
+    def wrenches(self) -> Callable[[Tables, FloatArray, FloatArray, Work], None]:
+        """Computes minus the wrench that all loads beyond exert on every cross section."""
 
-    def jacobian(
-        self, tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
-    ) -> None:
-        """Derivative of the residual by the twist of all nodes."""
+    @property
+    def jacobian(self) -> Callable[[Tables, FloatArray, FloatArray, FloatArray, Work], None]:
+        """Computes the derivative of the residual by the twists of all nodes."""
 
+    @property
     def paper_twists(
-        self, tables: PaperTables, sums: FloatArray, tolerance: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Twists of cross sections that balance their tendons as in the paper."""
+        self,
+    ) -> Callable[[PaperTables, FloatArray, float], tuple[FloatArray, FloatArray]]:
+        """Computes twists that balance the tendons of sections as in the paper."""
 
+    @property
     def moving_loads(
         self,
-        tables: MotionTables,
-        rule: TimeRule,
-        base: FloatArray,
-        slope: FloatArray,
-        rotation: FloatArray,
-        motion: Motion,
-    ) -> None:
-        """How nodes move, and what this exerts."""
+    ) -> Callable[[MotionTables, TimeRule, FloatArray, FloatArray, FloatArray, Motion], None]:
+        """Computes the motion of the nodes, and their inertial loads."""
 
+    @property
     def imbalance(
         self,
-        viscous: FloatArray,
-        rate: FloatArray,
-        reference: FloatArray,
-        residual: FloatArray,
-        scale: FloatArray,
-    ) -> float:
-        """The residual with viscosity, over a reference."""
+    ) -> Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], float]:
+        """Adds viscosity to the residual, and returns the largest over a reference."""
 
 
 @functools.cache
 def is_available() -> bool:
-    """Whether numba is installed and works; an error of one that does not is logged."""
+    """Whether numba is installed and works. If it is installed but fails, the error is logged."""
     try:
         importlib.import_module('octo_arm_model.rod.loops')
     except ModuleNotFoundError as error:
@@ -112,7 +98,7 @@ def is_available() -> bool:
 
 
 def choose_form(compiled: bool | None) -> Form:
-    """The loops if ``compiled``, or if that is None and numba is installed; else the arrays.
+    """Return the loops if ``compiled``, or if it is None and numba works; else the arrays.
 
     Raises:
         ModuleNotFoundError: if ``compiled`` but numba is not installed.
@@ -129,20 +115,20 @@ def choose_form(compiled: bool | None) -> Form:
 
 @functools.cache
 def announce_compiling() -> None:
-    """Log once when numba begins to compile, which it does once on a machine."""
+    """Log a line when numba begins to compile, which happens once on a machine."""
     from numba.core import event
 
     class Announcement(event.Listener):
-        """Logs the first of all beginnings."""
+        """A listener that logs the first compilation."""
 
         def on_start(self, event: object) -> None:
-            """Log it."""
-            if not said:
-                said.append(True)
+            """Log a line if this is the first compilation."""
+            if not announced:
+                announced.append(True)
                 _LOG.warning('compiling the solver: up to a minute, once on this machine')
 
         def on_end(self, event: object) -> None:
-            """Do nothing."""
+            """Do nothing at the end of a compilation."""
 
-    said = list[bool]()
+    announced = list[bool]()
     event.register('numba:compile', Announcement())

@@ -1,26 +1,25 @@
 """Capstan friction: the tension of every tendon at every node, and its derivatives.
 
-A tendon of unit tangent e in the axes of the sections, see `tendons`, turns between the base and a
-node by the wrap angle
+A tendon of unit tangent e in the axes of the sections turns between the base and a node by the
+wrap angle
 
     theta = int |c| ds + sum 2 asin(|[e]| / 2),    c = e' + kappa x e                          (1)
 
-with jumps [e] where strains jump, see `angle_loops.angles`. It loses tension, dT = -mu T
-dtheta, where it is drawn in, gains as much where it is let out, and sticks in between (Euler and
-Eytelwein). With the tension T_0 at the base and T_b before at each node, T is the nearest to T_b
-of all within
+with jumps [e] where strains jump. It loses tension, dT = -mu T dtheta, where it is drawn in, gains
+as much where it is let out, and sticks in between (Euler and Eytelwein). With the tension T_0 at
+the base, and the earlier tension T_b at each node, T is the value nearest to T_b within
 
     lower = T_0 exp(-mu theta) <= T <= T_0 exp(mu theta) = upper,                              (2)
 
-the play operator of hysteresis, and from slack, T_b = 0, the monotone pull. With the slip sigma,
--1 where drawn in, 1 where let out and 0 where it sticks,
+which is the play operator of hysteresis; from slack, T_b = 0, it is the monotone pull. With the
+slip sigma, -1 where drawn in, 1 where let out and 0 where the tendon sticks,
 
     dT = sigma mu T dtheta + |sigma| exp(sigma mu theta) dT_0 + sigma theta T dmu              (3)
     dtheta = int c . dc / |c| ds + sum [e] . d[e] / (|[e]| (1 - [e]^2 / 4)^(1/2)),
     dc = (de)' + dkappa x e + kappa x de                                                       (4)
 
-which is theta_e de + theta_kappa dkappa. e changes by e_z dz, in sheaths by e_T dT, and as paths
-do, so that with S = sigma mu T
+which is theta_e de + theta_kappa dkappa. The tangent e changes by e_z dz, in sheaths by e_T dT,
+and with the paths, so that with S = sigma mu T
 
     (1 - S theta_e e_T) dT = S (theta_z dz + theta_e de) + the rest of (3),
     theta_z dz = theta_e e_z dz + theta_kappa dkappa                                           (5)
@@ -42,21 +41,21 @@ from octo_arm_model.rod.tendons import Tendons
 
 _STRAIGHT = 1e-9  # angle over the length of the arm below which a tendon counts as straight [rad]
 SAME = 1e-6  # relative difference up to which two tensions of a tendon count as equal
-# Tolerance of wrap angles of tendons in sheaths [rad], and most iterations for them.
+# Tolerance of wrap angles of tendons in sheaths [rad], and the most iterations for them.
 _CONVERGED, _MOST_ITERATIONS = 1e-13, 50
-_MOST_LOSS = 100.0  # mu theta beyond which nothing is left of a tension
-_LEAST = 1e-300  # tension of a tendon that nobody pulls, of which an angle is asked [N]
-# As `forms.Form.angles`.
+_MOST_LOSS = 100.0  # mu theta beyond which a tension counts as lost
+_LEAST = 1e-300  # tension of a slack tendon whose angle is computed [N]
+# The type of `forms.Form.angles`.
 FillsAngles: TypeAlias = Callable[[Tables, FloatArray, FloatArray, Work], None]
 
 
 class Band(NamedTuple):
-    """The tensions that friction holds, (2), at any n points; all (n, J) [N].
+    """The band (2) of tensions that friction can hold, at n points, (n, J) [N] each.
 
     Attributes:
-        lower: of tendons that are drawn in.
-        upper: of tendons that are let out.
-        before: from which they slide.
+        lower: tensions of tendons that are drawn in.
+        upper: tensions of tendons that are let out.
+        before: tensions from which tendons slide.
     """
 
     lower: FloatArray
@@ -65,13 +64,13 @@ class Band(NamedTuple):
 
     @classmethod
     def of(cls, base: FloatArray, loss: FloatArray, before: FloatArray) -> Band:
-        """For tensions ``base`` at the base and a ``loss`` of mu theta [-]."""
+        """Return the band for tensions ``base`` at the base and a ``loss`` of mu theta [-]."""
         remaining = np.exp(-loss)
         return cls(base * remaining, base / remaining, before)
 
     @property
     def tensions(self) -> FloatArray:
-        """T, the nearest to those before."""
+        """T of (2): the tensions in the band nearest to those before."""
         return np.minimum(np.maximum(self.before, self.lower), self.upper)
 
     @property
@@ -83,12 +82,12 @@ class Band(NamedTuple):
 
 
 class LocalTensions(NamedTuple):
-    """Tendons with friction along an arm.
+    """The tensions of tendons with friction along an arm.
 
     Attributes:
-        tensions: at the nodes [N], zero beyond anchorages, (N, J).
-        angle: theta, (N, J) [rad].
-        band: at the points of `Friction.fine`; None of tendons that are drawn in from slack.
+        tensions: tensions at the nodes [N], zero beyond anchorages, (N, J).
+        angle: wrap angles theta, (N, J) [rad].
+        band: the band at the points `Friction.fine`; None if tendons are drawn in from slack.
     """
 
     tensions: FloatArray
@@ -97,30 +96,30 @@ class LocalTensions(NamedTuple):
 
 
 class Friction:
-    """Friction of the tendons of one arm.
+    """The friction of the tendons of one arm.
 
-    The tension at the nodes has the same moments within each element as that at many more points,
-    so that integrals of what it bends are those of a tension with kinks. One without kinks is the
-    same at the nodes as before: a tendon that is not moved keeps its tension.
+    Tensions along a tendon have kinks, so they are computed at many fine points and projected to
+    the nodes: within each element, the moments of the tension at the nodes are those at the fine
+    points. A tension without kinks is unchanged, so a tendon that does not move keeps its tension.
 
     Attributes:
-        tables: of the arm.
-        fine: the points that a history is at.
+        tables: the arm at the nodes.
+        fine: the fine points, at which the history of the tensions is kept.
         nodes: arc coordinates of the nodes [m], (N,).
-        reach: `Tables.reach` at the fine points, (M, J).
-        to_nodes: from values at the fine points of an element to those at its nodes, (p, M / E).
+        reach: whether a tendon reaches a fine point, 1 or 0, (M, J).
+        to_nodes: projection from the fine points of an element to its nodes, (p, M / E).
     """
 
     def __init__(self, tables: Tables, angles: FillsAngles, elements: Elements) -> None:
-        """Of the arm of ``tables`` at the nodes of ``elements``; ``angles`` fills in theta."""
+        """Prepare the nodes of ``elements`` and their ``tables``; ``angles`` computes theta."""
         self.tables, self._angles, self._elements = tables, angles, elements
         self.fine, self.nodes = elements.fine, elements.s
         self.reach = np.repeat(tables.reach[:: elements.points], len(self.tables.to_fine), axis=0)
         self.to_nodes = self.projection(elements)
-        self._last: FloatArray | None = None  # tensions that are begun with in sheaths
+        self._last: FloatArray | None = None  # first guess of tensions in sheaths
 
     def projection(self, elements: Elements) -> FloatArray:
-        """As `to_nodes`, to those of others of the same ``elements``, (p, M / E)."""
+        """Return the projection from fine points to nodes of other ``elements``, (p, M / E)."""
         rule, count = elements.rule, len(self.tables.to_fine)
         fine, length = self.fine, elements.edges[1]
         basis = rule.interpolate(fine.s[:count] / length)
@@ -128,16 +127,17 @@ class Friction:
         return np.asarray(np.linalg.solve(moments @ basis, moments))
 
     def spread(self, matrix: FloatArray, values: FloatArray) -> FloatArray:
-        """``values`` (E k, J) by the ``matrix`` (n, k) of one element, (E n, J)."""
+        """Apply the ``matrix`` (n, k) of one element to ``values`` (E k, J): (E n, J)."""
         rows = matrix @ values.reshape(self._elements.lengths.size, -1, values.shape[1])
         return rows.reshape(-1, values.shape[1])
 
     def hold(
         self, tensions: FloatArray, before: FloatArray | None, angle: FloatArray
     ) -> LocalTensions:
-        """Tendons of an ``angle`` (N, J) [rad] under ``tensions`` (J,) [N] at the base, by (2).
+        """Return the local tensions by (2), from ``tensions`` (J,) [N] at the base.
 
-        From tensions ``before`` (M, J) [N] at the fine points, or from slack.
+        ``angle`` (N, J) [rad] is theta. Tendons slide from the tensions ``before`` (M, J) [N] at
+        the fine points, or from slack if it is None.
         """
         mu = self.tables.friction
         if before is None:
@@ -149,9 +149,9 @@ class Friction:
     def hold_along(
         self, z: FloatArray, tensions: FloatArray, before: FloatArray | None, work: Work
     ) -> LocalTensions:
-        """Tendons along an arm of twists ``z`` (N, m), with arguments of `hold`.
+        """Return the local tensions in an arm of twists ``z`` (N, m), as `hold` does.
 
-        In sheaths the angles depend on the tensions, so that both are iterated.
+        In sheaths the angles depend on the tensions, so both are iterated.
 
         Raises:
             ConvergenceError: if the iteration does not converge.
@@ -161,16 +161,16 @@ class Friction:
             return self.hold(tensions, before, self.angles(z, local, work))
         if self._last is not None:
             local = np.where(local > 0.0, np.maximum(self._last, _LEAST), 0.0)
-        last, left = np.full_like(local, np.inf), np.inf
+        last, change = np.full_like(local, np.inf), np.inf
         for _ in range(_MOST_ITERATIONS):
-            found = self.hold(tensions, before, self.angles(z, local, work))
-            left = float(np.abs(found.angle - last).max(initial=0.0))
-            last, local = found.angle, found.tensions
-            if left <= _CONVERGED:
+            held = self.hold(tensions, before, self.angles(z, local, work))
+            change = float(np.abs(held.angle - last).max(initial=0.0))
+            last, local = held.angle, held.tensions
+            if change <= _CONVERGED:
                 self._last = local
-            if not left > _CONVERGED:  # nor NaN, where a section cannot be
-                return found
-        raise ConvergenceError('the tension of tendons in their sheaths', left, _MOST_ITERATIONS)
+            if not change > _CONVERGED:  # or NaN, if a strain is impossible
+                return held
+        raise ConvergenceError('the tension of tendons in their sheaths', change, _MOST_ITERATIONS)
 
     def pulled(
         self,
@@ -180,36 +180,37 @@ class Friction:
         more: FloatArray,
         free: FloatArray,
     ) -> FloatArray:
-        """Tensions at the base (J,) [N] at which integrals are more than under ``tensions`` (J,).
+        """Return the tensions at the base (J,) [N] that raise an integral of tensions by ``more``.
 
-        By ``more`` (J,) [N m], of local tensions by (2), for ``before`` and ``angle`` see `hold`,
-        and of that at the base over a ``free`` length (J,) [m]. They are linear between the
-        tensions at which one of the fine points begins or ends to stick.
+        It is the integral of local tensions by (2), plus the tension at the base times a ``free``
+        length (J,) [m]; ``more`` (J,) [N m] is its increase above that under ``tensions`` (J,).
+        The other arguments are those of `hold`. The integral is linear between the tensions at
+        which one of the fine points begins or ends to stick.
         """
         loss = self.tables.friction * self.spread(self.tables.to_fine, angle)
         remaining = np.exp(-np.minimum(loss, _MOST_LOSS))
-        weights, found = self.fine.weights[:, np.newaxis] * self.reach, tensions.copy()
-        for j, (was, part, weight) in enumerate(zip(before.T, remaining.T, weights.T)):
-            turns = np.concatenate([was * part, was / part])
-            order, nothing = turns.argsort(), np.zeros_like(weight)
-            let_out = np.concatenate([weight / part, nothing])[order]
-            drawn_in = np.concatenate([nothing, weight * part])[order]
-            ends = np.append(0.0, turns[order])
+        weights, pulled = self.fine.weights[:, np.newaxis] * self.reach, tensions.copy()
+        for j, (old, fraction, weight) in enumerate(zip(before.T, remaining.T, weights.T)):
+            limits = np.concatenate([old * fraction, old / fraction])
+            order, zeros = limits.argsort(), np.zeros_like(weight)
+            let_out = np.concatenate([weight / fraction, zeros])[order]
+            drawn_in = np.concatenate([zeros, weight * fraction])[order]
+            ends = np.append(0.0, limits[order])
             ends = np.append(ends, 1e3 * max(ends[-1], tensions[j]) + 1.0)
             slopes = np.append(let_out[::-1].cumsum()[::-1], 0.0) + free[j]
             slopes[1:] += drawn_in.cumsum()
             integrals = np.append(0.0, np.cumsum(slopes * np.diff(ends)))
-            wanted = np.interp(tensions[j], ends, integrals) + more[j]
-            found[j] = np.interp(wanted, integrals, ends)
-        return found
+            integral = np.interp(tensions[j], ends, integrals) + more[j]
+            pulled[j] = np.interp(integral, integrals, ends)
+        return pulled
 
     def angles(self, z: FloatArray, tensions: FloatArray, work: Work) -> FloatArray:
-        """Theta (N, J) of tendons under ``tensions`` (N, J) [N] along an arm of twists ``z``."""
+        """Return theta (N, J) of tendons under ``tensions`` (N, J) [N] at twists ``z`` (N, m)."""
         self._angles(self.tables, z, tensions, work)
         return work.angle.copy()
 
     def history(self, local: LocalTensions, tensions: FloatArray) -> FloatArray:
-        """Tensions (M, J) at the fine points of tendons under ``tensions`` (J,) at the base."""
+        """Return tensions (M, J) at the fine points, with ``tensions`` (J,) at the base."""
         if local.band is not None:
             return local.band.tensions
         angle = self.spread(self.tables.to_fine, local.angle)
@@ -217,22 +218,22 @@ class Friction:
 
 
 class TensionDerivatives:
-    """Derivatives of local tensions, while tendons slip and stick where they do.
+    """Derivatives of local tensions, at a fixed slip or stick of every point.
 
-    An angle changes with what changes in its own element, up to it, and with what does in those
-    before, up to their ends. So derivatives of angles are (E, J, p + 1, p, ...): by the p nodes of
-    an element, of the angles from its start to each of them and to its end. J are the tendons that
-    are pulled there; elsewhere they are all.
+    An angle depends on its own element up to the node, and on the whole of the elements before. So
+    derivatives of angles are (E, J, p + 1, p, ...): by the p nodes of an element, of the angles
+    from its start to each of them and to its end. These J are the tendons under tension; elsewhere
+    J are all tendons.
     """
 
     def __init__(
         self, friction: Friction, z: FloatArray, local: LocalTensions, tendons: Tendons, work: Work
     ) -> None:
-        """About ``tendons`` of the tensions ``local`` along an arm of twists ``z`` (N, m)."""
+        """Linearise about ``tendons`` with tensions ``local`` in an arm of twists ``z`` (N, m)."""
         self._slide(friction, local)
         self._z, self._work = z, work
         pulled = np.flatnonzero(local.tensions.any(axis=0))
-        self._pulled = pulled if pulled.size else np.array([0])  # for the shapes of arrays
+        self._pulled = pulled if pulled.size else np.array([0])  # arrays need one tendon
         rate = self._slip * self._tables.friction * self._tension
         rate = self._by_element(rate[:, self._pulled])
         self._by_angle = (self._to_nodes * rate) @ self._to_points  # S, (E, J, p, p)
@@ -245,16 +246,16 @@ class TensionDerivatives:
         self._inverse: FloatArray | None = None
         if tendons.has_sheaths:
             by_tension = self._by_element(tendons.by_tension.unit[..., self._pulled])
-            own = self._by_all_nodes((self._by_e * by_tension).sum(axis=0))
+            coupling = self._by_all_nodes((self._by_e * by_tension).sum(axis=0))
             try:
-                self._inverse = np.asarray(np.linalg.inv(np.eye(len(z)) - own))
-            except np.linalg.LinAlgError:  # a section that cannot be
+                self._inverse = np.asarray(np.linalg.inv(np.eye(len(z)) - coupling))
+            except np.linalg.LinAlgError:  # a strain is impossible
                 raise ConvergenceError(
                     'the tension of tendons in their sheaths', np.inf, 0
                 ) from None
 
     def _slide(self, friction: Friction, local: LocalTensions) -> None:
-        """Which way tendons of tensions ``local`` slip, and where this is known."""
+        """Find the slip of tendons with tensions ``local``, at the nodes or at the fine points."""
         self._friction, self._tables, self._local = friction, friction.tables, local
         if local.band is None:
             self._s, self._tension = friction.nodes, local.tensions
@@ -266,9 +267,9 @@ class TensionDerivatives:
             self._to_points, self._to_nodes = self._tables.to_fine, friction.to_nodes
 
     def require(self, names: tuple[str, ...], tensions: FloatArray) -> None:
-        """Refuse derivatives where tensions under ``tensions`` (J,) [N] at the base have none.
+        """Check that tensions have derivatives, under ``tensions`` (J,) [N] at the base.
 
-        ``names`` are those of the tendons.
+        ``names`` are the names of the tendons, for the error.
 
         Raises:
             SolveError: if a tendon that is pulled sticks anywhere, slips both ways, or is so
@@ -277,27 +278,27 @@ class TensionDerivatives:
         rubs = (tensions > 0.0) & (self._tables.friction > 0.0)
         acts, slip = self._tension > 0.0, self._slip
         straight = self._are_straight()
-        for what, places, bad in (
+        for state, places, fails in (
             ('sticks', self._s, acts & (slip == 0.0)),
             ('slips both ways', self._s, acts & (slip != slip[0])),
             ('is straight', self._friction.nodes, straight & (self._tables.reach > 0.0)),
         ):
-            if (bad & rubs).any():
-                place, tendon = np.unravel_index(int(np.argmax(bad & rubs)), bad.shape)
+            if (fails & rubs).any():
+                place, tendon = np.unravel_index(int(np.argmax(fails & rubs)), fails.shape)
                 raise SolveError(
                     f'no derivatives: with friction, {names[tendon]} of {tensions[tendon]:.4g} N '
-                    f'{what} at s = {places[place]:.4g} m, expected one that slides and turns all '
-                    'along'
+                    f'{state} at s = {places[place]:.4g} m, expected one that slides and turns '
+                    'all along'
                 )
 
     def _are_straight(self) -> BoolArray:
-        """Where tendons do not turn, (N, J)."""
+        """Whether tendons are straight at the nodes, (N, J)."""
         straight = np.zeros(self._tables.reach.shape, np.bool_)
         straight[:, self._pulled] = self._rate <= _STRAIGHT / self._friction.fine.edges[-1]
         return straight
 
     def add_to(self, jacobian: FloatArray) -> None:
-        """Add what the change of tensions adds to a ``jacobian`` (N m, N m) with them held."""
+        """Add the effect of changing tensions to a ``jacobian`` (N m, N m) at fixed tensions."""
         parts = self._by_z
         if self._inverse is not None:
             rates = self._inverse @ self._by_all_nodes(parts)
@@ -306,7 +307,7 @@ class TensionDerivatives:
         elements, tendons, _, size = parts.shape
         pull = self._pull.reshape(elements, -1, self._pull.shape[1], tendons)
         inside = pull @ (self._by_angle @ parts[:, :, :-1]).swapaxes(1, 2)
-        # Beyond an element all angles change alike.
+        # Beyond an element all angles change by the same amount.
         beyond = pull * self._by_angle.sum(axis=-1).swapaxes(1, 2)[:, :, np.newaxis]
         beyond = beyond.reshape(-1, tendons)
         for e in range(elements):
@@ -318,7 +319,7 @@ class TensionDerivatives:
     def by_base_tension(self) -> FloatArray:
         """Derivative by each tendon's own tension at the base [-], (N, J)."""
         loss = self._tables.friction * self._friction.spread(self._to_points, self._angles())
-        # A slack tendon is drawn in next, whatever it was before.
+        # A slack tendon can only be drawn in next.
         slip = np.where(self._tension > 0.0, self._slip, -1.0)
         return self._at_nodes(np.abs(slip) * np.exp(slip * loss))
 
@@ -329,24 +330,24 @@ class TensionDerivatives:
         return self._at_nodes(self._slip * angle * self._tension)
 
     def by_unit(self, change: FloatArray) -> FloatArray:
-        """Change (N, J) where paths ``change`` e (3, N, J)."""
-        own = self._by_element(change[..., self._pulled])
-        return self._of_angles((self._by_e * own).sum(axis=(0, -1))[..., np.newaxis])[..., 0]
+        """Return the change (N, J) of tensions by a ``change`` (3, N, J) of e with the paths."""
+        tangent = self._by_element(change[..., self._pulled])
+        return self._of_angles((self._by_e * tangent).sum(axis=(0, -1))[..., np.newaxis])[..., 0]
 
     def by_twists(self, change: FloatArray) -> FloatArray:
-        """Changes (N, J, k) by those of the twists (N, m, k), base tensions held."""
+        """Return the changes (N, J, k) by a ``change`` (N, m, k) of twists, T_0 fixed."""
         rows = change.reshape(len(self._by_z), 1, -1, change.shape[2])
         return self._of_angles(self._by_z @ rows)
 
     def _angles(self) -> FloatArray:
-        """Angles, of tendons that nobody pulls as well, which matter as soon as somebody does."""
+        """Return all angles, also those of slack tendons, which matter once these are pulled."""
         tensions = self._local.tensions
         if tensions.any(axis=0).all():
             return self._local.angle
         return self._friction.angles(self._z, np.maximum(tensions, _LEAST), self._work)
 
     def _angle_derivatives(self, tendons: Tendons) -> tuple[FloatArray, FloatArray]:
-        """theta_e and theta_kappa of (4), (3, E, J, p + 1, p)."""
+        """Return theta_e and theta_kappa of (4), (3, E, J, p + 1, p) each."""
         tables, e = self._tables, tendons.unit[..., self._pulled]
         bends = Bends(tables, self._z, e, tables.reach[:, self._pulled])
         self._rate, by_c = bends.rate, self._by_bends(bends)
@@ -355,7 +356,8 @@ class TensionDerivatives:
             by_c @ tables.differentiation / tables.lengths[:, np.newaxis, np.newaxis, np.newaxis]
         )
         by_e += _cross(by_c, self._by_element(self._z[:, :3].T[..., np.newaxis]))
-        # The jump at the start of an element counts at all of its nodes, that at its end beyond.
+        # The jump at the start of an element counts at all of its nodes; the one at its end does
+        # not.
         square = (bends.kink * bends.kink).sum(axis=0)
         by_jump = _direction(bends.kink) / np.sqrt(np.maximum(1.0 - 0.25 * square, 1e-12))
         by_jump = by_jump[..., np.newaxis]
@@ -364,62 +366,62 @@ class TensionDerivatives:
         return by_e, by_kappa
 
     def _by_bends(self, bends: Bends) -> FloatArray:
-        """Derivative of the integral in (1) by c, (3, E, J, p + 1, p)."""
+        """Return the derivative of the integral in (1) by c, (3, E, J, p + 1, p)."""
         tables, lengths = self._tables, self._tables.lengths[:, np.newaxis, np.newaxis]
-        whole = tables.weights[: len(tables.to_end)] / tables.lengths[0]
-        weights = np.append(tables.to_point, [whole], axis=0) * lengths
-        found = weights[:, np.newaxis] * self._by_element(_direction(bends.bend))
+        element_weights = tables.weights[: len(tables.to_end)] / tables.lengths[0]
+        weights = np.append(tables.to_point, [element_weights], axis=0) * lengths
+        derivative = weights[:, np.newaxis] * self._by_element(_direction(bends.bend))
         e, j = np.nonzero(bends.is_rough)
         fine = _direction(self._by_element(bends.bend)[:, e, j] @ tables.to_fine.T)
-        found[:, e, j] = lengths[e] * ((tables.fine_weights * fine) @ tables.to_fine)
-        return np.asarray(found)
+        derivative[:, e, j] = lengths[e] * ((tables.fine_weights * fine) @ tables.to_fine)
+        return np.asarray(derivative)
 
     def _by_element(self, values: FloatArray) -> FloatArray:
-        """``values`` (..., E k, J) as (..., E, J, 1, k)."""
+        """Reshape ``values`` (..., E k, J) to (..., E, J, 1, k)."""
         elements = self._tables.lengths.size
         rows = values.reshape(*values.shape[:-2], elements, 1, -1, values.shape[-1])
         return np.ascontiguousarray(rows.swapaxes(-1, -2).swapaxes(-2, -3))
 
     def _at_nodes(self, values: FloatArray) -> FloatArray:
-        """Derivative (N, J) by a quantity of each tendon that adds ``values`` (M, J) to (3)."""
+        """Return the change (N, J) of tensions if a quantity adds ``values`` (M, J) to (3)."""
         return self._solved(self._tables.reach * self._friction.spread(self._to_nodes, values))
 
     def _by_all_nodes(self, parts: FloatArray) -> FloatArray:
-        """S times angles that change by ``parts`` (E, J, p + 1, p k), (J, N, N k)."""
+        """Return S times the angles that change by ``parts`` (E, J, p + 1, p k), (J, N, N k)."""
         elements, tendons, points = *parts.shape[:2], parts.shape[2] - 1
         inside = self._by_angle @ parts[:, :, :-1]
         beyond = self._by_angle.sum(axis=-1).swapaxes(0, 1)[..., np.newaxis]
-        found = np.zeros((tendons, elements, points, elements, parts.shape[3]))
+        derivative = np.zeros((tendons, elements, points, elements, parts.shape[3]))
         for e in range(elements):
-            found[:, e, :, e] = inside[e]
-            found[:, e + 1 :, :, e] = beyond[:, e + 1 :] * parts[e, :, np.newaxis, -1:]
-        return found.reshape(tendons, elements * points, -1)
+            derivative[:, e, :, e] = inside[e]
+            derivative[:, e + 1 :, :, e] = beyond[:, e + 1 :] * parts[e, :, np.newaxis, -1:]
+        return derivative.reshape(tendons, elements * points, -1)
 
     def _of_angles(self, parts: FloatArray) -> FloatArray:
-        """Changes of tensions (N, J, k) where angles change by ``parts`` (E, J, p + 1, k)."""
+        """Return changes of tensions (N, J, k) if angles change by ``parts`` (E, J, p + 1, k)."""
         whole = parts[:, :, -1:]
-        held = self._by_angle @ (parts[:, :, :-1] + (whole.cumsum(axis=0) - whole))
-        found = np.zeros((*self._local.tensions.shape, parts.shape[3]))
-        found[:, self._pulled] = held.swapaxes(1, 2).reshape(len(found), -1, parts.shape[3])
-        return self._solved(found)
+        within = self._by_angle @ (parts[:, :, :-1] + (whole.cumsum(axis=0) - whole))
+        change = np.zeros((*self._local.tensions.shape, parts.shape[3]))
+        change[:, self._pulled] = within.swapaxes(1, 2).reshape(len(change), -1, parts.shape[3])
+        return self._solved(change)
 
     def _solved(self, right: FloatArray) -> FloatArray:
-        """Changes dT of (5) of its ``right`` side, (N, J, ...)."""
+        """Return dT of (5) for its right-hand side ``right`` (N, J, ...), which is overwritten."""
         if self._inverse is not None:
-            own = right[:, self._pulled].swapaxes(0, 1)
-            rows = self._inverse @ own.reshape(*own.shape[:2], -1)
-            right[:, self._pulled] = rows.reshape(own.shape).swapaxes(0, 1)
+            pulled = right[:, self._pulled].swapaxes(0, 1)
+            rows = self._inverse @ pulled.reshape(*pulled.shape[:2], -1)
+            right[:, self._pulled] = rows.reshape(pulled.shape).swapaxes(0, 1)
         return right
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products of the first axes."""
+    """Return cross products along the first axis."""
     return np.stack(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
 
 
 def _direction(vectors: FloatArray) -> FloatArray:
-    """``vectors`` (3, ...) over their length, zero where they are."""
+    """Return ``vectors`` (3, ...) over their lengths; zero where they are zero."""
     size = np.sqrt((vectors * vectors).sum(axis=0))
     return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)

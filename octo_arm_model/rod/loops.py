@@ -1,9 +1,9 @@
-"""The node functions as loops, compiled by numba; `arrays` has the same for NumPy.
+"""The node functions as loops, compiled by numba; `arrays` has the same functions for NumPy.
 
-All take `Tables` and `Work`; z is (N, m), ``tensions`` (N, J) [N], ``force`` and ``couple`` the
-force and the free moment of all that acts beyond each node, (N, 3) in base_frame. Those of cross
-sections, with their equations, are in `section_loops`. Each gives what is compiled the arrays that
-this needs alone, as numba takes up to a microsecond for every field of a tuple with names.
+They take `Tables` and `Work`, the twists z (N, m), ``tensions`` (N, J) [N], and the ``force`` and
+the free moment ``couple`` of all loads beyond each node, (N, 3) in base_frame. Those of cross
+sections, with their equations, are in `section_loops`. Compiled functions get only the arrays that
+they need, because numba takes up to a microsecond for every field of a named tuple.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from octo_arm_model.rod.paper_loops import paper_twists
 from octo_arm_model.rod.section_loops import add_gradients, balance, cross, sections
 from octo_arm_model.rod.tables import OF_BENDS, OF_DIRECTIONS, Places, Tables, Work
 
-# The node functions, see `forms.Form`.
+# The node functions of `forms.Form`.
 __all__ = [
     'angles',
     'balance',
@@ -31,17 +31,17 @@ __all__ = [
     'wrenches',
 ]
 
-_MOST_SWEEPS = 80  # of orientations
-_ROUNDING = 2e-13  # change by a sweep, which leaves a thirtieth of it
+_MOST_SWEEPS = 80  # over the orientations of an element
+_ROUNDING = 2e-13  # change in the last sweep; the error that is left is a thirtieth of it
 
 
 # Orientations ----------------------------------------------------------------------------------
 
 
 def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
-    """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element.
+    """Compute orientation and r' of every node: q' = q (0, kappa) / 2, collocated by element.
 
-    Of several arms where there are several times as many nodes.
+    Several times as many nodes as in the tables are several arms, one after the other.
     """
     rule = tables.lengths, tables.weights, tables.to_point
     _fill_orientations(rule, tables.base, z, work.quaternion, work.rotation, work.slope)
@@ -64,8 +64,8 @@ def _fill_orientations(
         if e == 0:
             for c in range(4):
                 first[c] = base[c]
-        own = quaternion[start : start + points]
-        _collocate(first, z[start : start + points], 0.5 * lengths[e], to_point, rate, own)
+        units = quaternion[start : start + points]
+        _collocate(first, z[start : start + points], 0.5 * lengths[e], to_point, rate, units)
         for k in range(points):
             for c in range(4):
                 first[c] += weights[k] / lengths[0] * rate[k, c]
@@ -80,46 +80,46 @@ def _collocate(
     half: float,
     to_point: FloatArray,
     rate: FloatArray,
-    now: FloatArray,
+    unit: FloatArray,
 ) -> None:
-    """Fill in the quaternions ``now`` (p, 4) of an element and their ``rate`` in it.
+    """Compute the quaternions ``unit`` (p, 4) of an element, from its ``first``, and their rates.
 
-    Swept from the start to the end until they stay: at every point with the rates of those before
-    it from the same sweep, those after it from the last, and its own solved for.
+    Gauss-Seidel sweeps from the start to the end, until they converge: each point takes the rates
+    of earlier points from this sweep and of later ones from the last, and solves for its own.
     """
     points = z.shape[0]
     rate[:] = 0.0
-    now[:] = 0.0
+    unit[:] = 0.0
     for _ in range(_MOST_SWEEPS):
         change = 0.0
         for i in range(points):
             w, x, y, b = first[0], first[1], first[2], first[3]
-            # That before it last, so that the others need not wait for it.
+            # The point before comes last, so that the other sums need not wait for it.
             for k in range(i + 1, points):
-                part = to_point[i, k]
-                w += part * rate[k, 0]
-                x += part * rate[k, 1]
-                y += part * rate[k, 2]
-                b += part * rate[k, 3]
+                weight = to_point[i, k]
+                w += weight * rate[k, 0]
+                x += weight * rate[k, 1]
+                y += weight * rate[k, 2]
+                b += weight * rate[k, 3]
             for k in range(i):
-                part = to_point[i, k]
-                w += part * rate[k, 0]
-                x += part * rate[k, 1]
-                y += part * rate[k, 2]
-                b += part * rate[k, 3]
-            p, q, r, own = half * z[i, 0], half * z[i, 1], half * z[i, 2], to_point[i, i]
+                weight = to_point[i, k]
+                w += weight * rate[k, 0]
+                x += weight * rate[k, 1]
+                y += weight * rate[k, 2]
+                b += weight * rate[k, 3]
+            p, q, r, diagonal = half * z[i, 0], half * z[i, 1], half * z[i, 2], to_point[i, i]
             square = p * p + q * q + r * r
-            inverse = 1.0 / (1.0 + own * own * square)
+            inverse = 1.0 / (1.0 + diagonal * diagonal * square)
             turn_w, turn_x = -(x * p + y * q + b * r), w * p + y * r - b * q
             turn_y, turn_b = w * q + b * p - x * r, w * r + x * q - y * p
-            back = own * square
+            back = diagonal * square
             rate[i, 0], rate[i, 1] = (turn_w - back * w) * inverse, (turn_x - back * x) * inverse
             rate[i, 2], rate[i, 3] = (turn_y - back * y) * inverse, (turn_b - back * b) * inverse
-            w, x = (w + own * turn_w) * inverse, (x + own * turn_x) * inverse
-            y, b = (y + own * turn_y) * inverse, (b + own * turn_b) * inverse
-            moved = abs(w - now[i, 0]) + abs(x - now[i, 1]) + abs(y - now[i, 2])
-            change = max(change, moved + abs(b - now[i, 3]))
-            now[i, 0], now[i, 1], now[i, 2], now[i, 3] = w, x, y, b
+            w, x = (w + diagonal * turn_w) * inverse, (x + diagonal * turn_x) * inverse
+            y, b = (y + diagonal * turn_y) * inverse, (b + diagonal * turn_b) * inverse
+            difference = abs(w - unit[i, 0]) + abs(x - unit[i, 1]) + abs(y - unit[i, 2])
+            change = max(change, difference + abs(b - unit[i, 3]))
+            unit[i, 0], unit[i, 1], unit[i, 2], unit[i, 3] = w, x, y, b
         if not change > _ROUNDING:
             break
 
@@ -135,7 +135,7 @@ def _normalise(q: FloatArray) -> None:
 def _orient(
     z: FloatArray, quaternion: FloatArray, rotation: FloatArray, slope: FloatArray
 ) -> None:
-    """Fill in rotation matrices and r' of nodes, and divide quaternions by their length."""
+    """Normalise the quaternions of nodes, and compute their rotation matrices and r'."""
     for i in range(z.shape[0]):
         q, r = quaternion[i], rotation[i]
         _normalise(q)
@@ -158,20 +158,21 @@ def _orient(
 def poses(
     tables: Tables, z: FloatArray, places: Places, work: Work
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where places are, by integrals of r' and q' from the base, and how well this is resolved.
+    """Compute the poses of places by integrals of r' and q' from the base.
 
-    After `orientations` of the same z.
+    `orientations` of the same z must come before.
 
     Returns:
-        Positions from the base (A, S, 3) [m], orientations x, y, z, w (A, S, 4) and the estimated
-        error of positions over the length of the arm (A,), of A arms.
+        Of A arms, positions from the base (A, S, 3) [m], orientations x, y, z, w (A, S, 4), and
+        the estimated error of positions over the length of the arm (A,).
     """
     arms = z.shape[0] // places.integration.shape[1]
     position, quaternion = np.empty((2, arms, places.element.size, 4))
     error = np.empty(arms)
-    rule, at = (tables.lengths, tables.weights), (places.element, places.integration, places.tail)
+    rule = tables.lengths, tables.weights
+    of_places = places.element, places.integration, places.tail
     nodes = z, work.slope, work.quaternion
-    _fill_poses(rule, tables.base, at, nodes, position, quaternion, error)
+    _fill_poses(rule, tables.base, of_places, nodes, position, quaternion, error)
     return position[..., :3], quaternion, error
 
 
@@ -180,45 +181,45 @@ def _fill_poses(
     rule: tuple[FloatArray, FloatArray],
     base: FloatArray,
     places: tuple[IntArray, FloatArray, FloatArray],
-    of_nodes: tuple[FloatArray, FloatArray, FloatArray],
+    node_arrays: tuple[FloatArray, FloatArray, FloatArray],
     position: FloatArray,
     quaternion: FloatArray,
     error: FloatArray,
 ) -> None:
     (lengths, weights), (element, integration, tail) = rule, places
-    z, slopes, quaternions = of_nodes
+    z, slopes, quaternions = node_arrays
     nodes, elements, points = integration.shape[1], lengths.size, tail.shape[1]
-    # Of x, y, z, position and quaternion: rates, at the starts of elements, and at a place.
-    rate, reached, now = np.empty((nodes, 7)), np.zeros((elements + 1, 7)), np.empty(7)
+    # Position and quaternion: their rates, and their values at starts of elements and at a place.
+    rate, at_starts, at_place = np.empty((nodes, 7)), np.zeros((elements + 1, 7)), np.empty(7)
     for c in range(4):
-        reached[0, 3 + c] = base[c]
+        at_starts[0, 3 + c] = base[c]
     for arm in range(error.size):
-        first = arm * nodes
-        slope, own = slopes[first : first + nodes], z[first : first + nodes]
-        _rates(slope, quaternions[first : first + nodes], own, rate)
+        start = arm * nodes
+        slope, twists = slopes[start : start + nodes], z[start : start + nodes]
+        _rates(slope, quaternions[start : start + nodes], twists, rate)
         for e in range(elements):
-            _advance(reached[e], weights, rate, e * points, points, reached[e + 1])
-        for at in range(element.size):
-            e = element[at]
-            _advance(reached[e], integration[at], rate, e * points, points, now)
-            _normalise(now[3:])
+            _advance(at_starts[e], weights, rate, e * points, points, at_starts[e + 1])
+        for place in range(element.size):
+            e = element[place]
+            _advance(at_starts[e], integration[place], rate, e * points, points, at_place)
+            _normalise(at_place[3:])
             for c in range(3):
-                position[arm, at, c], quaternion[arm, at, c] = now[c], now[4 + c]
-            quaternion[arm, at, 3] = now[3]
-        error[arm] = _position_error(lengths, tail, own, slope)
+                position[arm, place, c], quaternion[arm, place, c] = at_place[c], at_place[4 + c]
+            quaternion[arm, place, 3] = at_place[3]
+        error[arm] = _position_error(lengths, tail, twists, slope)
 
 
 @helper
 def _rates(slope: FloatArray, quaternion: FloatArray, z: FloatArray, rate: FloatArray) -> None:
-    """Fill in r' and q' of nodes, (N, 7)."""
+    """Compute r' and q' of nodes, (N, 7)."""
     for i in range(z.shape[0]):
-        q, to = quaternion[i], rate[i]
+        q, row = quaternion[i], rate[i]
         w, x, y, b = 0.5 * q[0], 0.5 * q[1], 0.5 * q[2], 0.5 * q[3]
         p, q, r = z[i, 0], z[i, 1], z[i, 2]
         for c in range(3):
-            to[c] = slope[i, c]
-        to[3], to[4] = -(x * p + y * q + b * r), w * p + y * r - b * q
-        to[5], to[6] = w * q + b * p - x * r, w * r + x * q - y * p
+            row[c] = slope[i, c]
+        row[3], row[4] = -(x * p + y * q + b * r), w * p + y * r - b * q
+        row[5], row[6] = w * q + b * p - x * r, w * r + x * q - y * p
 
 
 @inlined
@@ -230,7 +231,7 @@ def _advance(
     count: int,
     out: FloatArray,
 ) -> None:
-    """Fill in ``start`` and the integral over so many nodes from the ``first`` on."""
+    """Compute ``start`` plus the integral over ``count`` nodes from the ``first`` on."""
     for c in range(7):
         out[c] = start[c]
     for i in range(first, first + count):
@@ -242,25 +243,25 @@ def _advance(
 def _position_error(
     lengths: FloatArray, tail: FloatArray, z: FloatArray, slope: FloatArray
 ) -> float:
-    """See `tables.position_errors`, of one arm."""
-    points, error, whole = tail.shape[1], 0.0, 0.0
+    """Return the estimate of `tables.position_errors` for one arm."""
+    points, error, total = tail.shape[1], 0.0, 0.0
     for length in lengths:
-        whole += length
+        total += length
     for e in range(lengths.size):
         bend = direction = 0.0
         for row in range(2):
             for c in range(3):
-                of_bend = of_direction = 0.0
+                bend_term = direction_term = 0.0
                 for k in range(points):
-                    of_bend += tail[row, k] * z[e * points + k, c]
-                    of_direction += tail[row, k] * slope[e * points + k, c]
-                # As `max` does not, these keep what is no number.
-                if not (of_bend * of_bend <= bend or bend != bend):
-                    bend = of_bend * of_bend
-                if not (of_direction * of_direction <= direction or direction != direction):
-                    direction = of_direction * of_direction
+                    bend_term += tail[row, k] * z[e * points + k, c]
+                    direction_term += tail[row, k] * slope[e * points + k, c]
+                # These comparisons keep NaN, which `max` would drop.
+                if not (bend_term * bend_term <= bend or bend != bend):
+                    bend = bend_term * bend_term
+                if not (direction_term * direction_term <= direction or direction != direction):
+                    direction = direction_term * direction_term
         error += OF_BENDS * lengths[e] ** 2 * bend
-        error += OF_DIRECTIONS * lengths[e] / whole * direction
+        error += OF_DIRECTIONS * lengths[e] / total * direction
     return error
 
 
@@ -275,9 +276,9 @@ def residual(
     couple: FloatArray,
     work: Work,
 ) -> float:
-    """Imbalance of every cross section, after `orientations` of the same z.
+    """Compute the imbalance of every cross section, after `orientations` of the same z.
 
-    Fills in all but Hessian and Jacobian; ``work.scale`` is given, see `tables.force_scale`.
+    All of ``work`` but Hessian and Jacobian is filled in; ``work.scale`` has the scales before.
 
     Returns:
         Largest residual over its scale and the largest wrench along the arm [-]; NaN where a
@@ -288,9 +289,9 @@ def residual(
 
 
 def wrenches(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
-    """Minus what all beyond exerts on every cross section, as its residual without its gradient.
+    """Compute minus the wrench of all loads beyond each section: the residual without gradient.
 
-    Moment and force in the axes of the section, after `orientations`.
+    Moment and force are in the axes of the section. `orientations` must come before.
     """
     rule = tables.lengths, tables.weights, tables.to_end
     _fill_wrenches(rule, work.rotation, work.slope, force, couple, work.moment, work.residual)
@@ -309,15 +310,15 @@ def _fill_wrenches(
     lengths, weights, to_end = rule
     _moments(lengths, weights, to_end, slope, force, couple, moment)
     for i in range(moment.shape[0]):
-        _turn_back(rotation[i], moment[i], residual[i, :3])
-        _turn_back(rotation[i], force[i], residual[i, 3:])
+        _minus_components(rotation[i], moment[i], residual[i, :3])
+        _minus_components(rotation[i], force[i], residual[i, 3:])
 
 
 @inlined
-def _turn_back(turn: FloatArray, vector: FloatArray, out: FloatArray) -> None:
-    """Minus the components of a ``vector`` along the first columns of a rotation."""
+def _minus_components(axes: FloatArray, vector: FloatArray, out: FloatArray) -> None:
+    """Compute minus the components of a ``vector`` along the first columns of a rotation."""
     for c in range(out.size):
-        out[c] = -(turn[0, c] * vector[0] + turn[1, c] * vector[1] + turn[2, c] * vector[2])
+        out[c] = -(axes[0, c] * vector[0] + axes[1, c] * vector[1] + axes[2, c] * vector[2])
 
 
 @helper
@@ -330,7 +331,7 @@ def _moments(
     couple: FloatArray,
     moment: FloatArray,
 ) -> None:
-    """M = M_free + integral to the tip of r' x F."""
+    """Compute M = M_free + the integral of r' x F from the node to the tip."""
     points = to_end.shape[0]
     beyond, rate = np.zeros(3), np.empty((points, 3))
     for e in range(lengths.size - 1, -1, -1):
@@ -339,10 +340,10 @@ def _moments(
             cross(slope[start + k], force[start + k], rate[k])
         for i in range(points):
             for c in range(3):
-                value = 0.0
+                integral = 0.0
                 for k in range(points):
-                    value += to_end[i, k] * rate[k, c]
-                moment[start + i, c] = couple[start + i, c] + beyond[c] + h * value
+                    integral += to_end[i, k] * rate[k, c]
+                moment[start + i, c] = couple[start + i, c] + beyond[c] + h * integral
         for k in range(points):
             for c in range(3):
                 beyond[c] += weights[start + k] * rate[k, c]
@@ -351,12 +352,12 @@ def _moments(
 def jacobian(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
 ) -> None:
-    """Derivative of the residual by z for a fixed ``force``; after `residual` of the same z.
+    """Compute the derivative of the residual by z for a fixed ``force``, after `residual`.
 
     With X = r' F^T - (F . r') 1 and S its integral from a node to the tip, the block of nodes i
-    and k is -R_i^T (S_i + M_i x) w_k R_k where k is in an element before that of i, -R_i^T w_k S_k
-    R_k where it is in one beyond, and C_ik = sum over m of B_im X_m G_mk takes the place of S
-    within one; by the stretch of k it is R_i^T (F_k x t_k) B_ik.
+    and k is -R_i^T (S_i + M_i x) w_k R_k if the element of k is before that of i, and
+    -R_i^T w_k S_k R_k if it is beyond. Within an element C_ik = sum over m of B_im X_m G_mk takes
+    the place of S. The column of the stretch of k is R_i^T (F_k x t_k) B_ik.
     """
     sections(tables, z, tensions, work)
     rule = tables.to_point, tables.to_end, tables.twice
@@ -377,23 +378,24 @@ def _fill_jacobian(
 ) -> None:
     (lengths, weights), (_, to_end, _), (slope, rotation, moment) = sizes, rule, of_nodes
     count, strains, points = hessian.shape[0], hessian.shape[1], to_end.shape[0]
-    # X, and rows of R^T, then t x F and what shear has of it.
+    # X; and the rows of R^T, followed by t x F and the same for shear.
     lever, axes = np.empty((count, 9)), np.empty((count, strains, 3))
     _levers(slope, rotation, force, lever, axes)
-    # Rows of node i times 1 and k before; columns of node k times R^T and i before.
-    left, base_side = np.zeros((count, strains, 3)), np.zeros((3, count * strains))
+    # Factors of the blocks of nodes i and k in different elements: of the row i where k is before
+    # it, of the column k for rows of elements beyond it, and for rows of those before it.
+    row_side, base_side = np.zeros((count, strains, 3)), np.zeros((3, count * strains))
     tip_side = np.zeros((3, count * strains))
-    beyond, own = np.zeros(9), np.empty(9)
+    beyond, tail = np.zeros(9), np.empty(9)
     for e in range(lengths.size - 1, -1, -1):
         start, h = e * points, lengths[e]
         for i in range(start, start + points):
             for c in range(9):
-                own[c] = beyond[c]
+                tail[c] = beyond[c]
             for k in range(points):
                 for c in range(9):
-                    own[c] += h * to_end[i - start, k] * lever[start + k, c]
-            _sides(weights[i], own, moment[i], axes[i], left[i], i, base_side, tip_side)
-        _own_element(
+                    tail[c] += h * to_end[i - start, k] * lever[start + k, c]
+            _sides(weights[i], tail, moment[i], axes[i], row_side[i], i, base_side, tip_side)
+        _element_blocks(
             (h, weights[start : start + points]),
             rule,
             beyond,
@@ -406,7 +408,7 @@ def _fill_jacobian(
         for k in range(start, start + points):
             for c in range(9):
                 beyond[c] += weights[k] * lever[k, c]
-    _other_elements(points * strains, left, axes, base_side, tip_side, jacobian)
+    _coupling_blocks(points * strains, row_side, axes, base_side, tip_side, jacobian)
     for i in range(count):
         for a in range(strains):
             for c in range(strains):
@@ -418,20 +420,20 @@ def _levers(
     slope: FloatArray, rotation: FloatArray, force: FloatArray, lever: FloatArray, axes: FloatArray
 ) -> None:
     for i in range(slope.shape[0]):
-        r, f, turn, own = slope[i], force[i], rotation[i], axes[i]
+        r, f, matrix, rows = slope[i], force[i], rotation[i], axes[i]
         product = r[0] * f[0] + r[1] * f[1] + r[2] * f[2]
         for a in range(3):
             for c in range(3):
                 lever[i, 3 * a + c] = r[a] * f[c]
-                own[a, c] = turn[c, a]
+                rows[a, c] = matrix[c, a]
             lever[i, 4 * a] -= product
-        for a in range(3, own.shape[0]):
-            cross(own[a - 3], f, own[a])
+        for a in range(3, rows.shape[0]):
+            cross(rows[a - 3], f, rows[a])
 
 
 @inlined
 def _add_cross(part: float, m: FloatArray, out: FloatArray) -> None:
-    """Add ``part`` of the matrix (9,) that takes the cross product with ``m``."""
+    """Add ``part`` times the matrix (9,) of the cross product with ``m``."""
     x, y, b = part * m[0], part * m[1], part * m[2]
     out[1] -= b
     out[2] += y
@@ -443,7 +445,7 @@ def _add_cross(part: float, m: FloatArray, out: FloatArray) -> None:
 
 @inlined
 def _times(matrix: FloatArray, vector: FloatArray, factor: float, out: FloatArray) -> None:
-    """A matrix (9,) times a vector, times a ``factor``."""
+    """Compute a matrix (9,) times a vector, times a ``factor``."""
     for c in range(3):
         out[c] = factor * (
             matrix[3 * c] * vector[0]
@@ -458,12 +460,12 @@ def _sides(
     tail: FloatArray,
     moment: FloatArray,
     axes: FloatArray,
-    left: FloatArray,
+    row_side: FloatArray,
     i: int,
     base_side: FloatArray,
     tip_side: FloatArray,
 ) -> None:
-    """Factors of the blocks of node ``i`` with other elements; ``tail`` is S, overwritten."""
+    """Compute the factors of the blocks of node ``i``; ``tail`` is S, which is overwritten."""
     strains = axes.shape[0]
     side = np.empty(3)
     for a in range(strains):
@@ -478,15 +480,15 @@ def _sides(
     _add_cross(1.0, moment, tail)
     for a in range(strains):
         for c in range(3):
-            left[a, c] = axes[a, c]
+            row_side[a, c] = axes[a, c]
             if a < 3:
-                left[a, c] = (
+                row_side[a, c] = (
                     axes[a, 0] * tail[c] + axes[a, 1] * tail[3 + c] + axes[a, 2] * tail[6 + c]
                 )
 
 
 @helper
-def _own_element(
+def _element_blocks(
     lengths: tuple[float, FloatArray],
     rule: tuple[FloatArray, FloatArray, FloatArray],
     beyond: FloatArray,
@@ -496,52 +498,52 @@ def _own_element(
     first: int,
     out: FloatArray,
 ) -> None:
-    """Blocks of nodes of one element but Hessians, from row and column ``first`` on.
+    """Compute the blocks of nodes of one element, from row and column ``first`` on.
 
-    ``beyond`` is the integral of X beyond it.
+    They lack the Hessians of sections. ``beyond`` is the integral of X beyond the element.
     """
     h, weights = lengths
     to_point, to_end, twice = rule
     points, strains = axes.shape[0], axes.shape[1]
-    # Moment at i, and direction there, by a strain of k.
-    inner, moved, turned = np.empty(9), np.empty(3), np.zeros(3)
+    # Changes of the moment at i and of the tangent there by a strain of k.
+    lever_sum, moment_change, tangent_change = np.empty(9), np.empty(3), np.zeros(3)
     for i in range(points):
         for k in range(points):
-            reach, further = h * to_point[i, k], h * to_end[i, k]
+            from_start, to_tip = h * to_point[i, k], h * to_end[i, k]
             for c in range(9):
-                value = 0.0
+                total = 0.0
                 for n in range(points):
-                    value += twice[i, k, n] * lever[n, c]
-                inner[c] = h * h * value + weights[k] * beyond[c]
-            _add_cross(reach, moment[i], inner)
+                    total += twice[i, k, n] * lever[n, c]
+                lever_sum[c] = h * h * total + weights[k] * beyond[c]
+            _add_cross(from_start, moment[i], lever_sum)
             for c in range(strains):
                 if c < 3:
-                    _times(inner, axes[k, c], 1.0, moved)
+                    _times(lever_sum, axes[k, c], 1.0, moment_change)
                 for n in range(3):
                     if c >= 3:
-                        moved[n] = further * axes[k, c, n]
-                    turned[n] = reach * axes[k, c, n] if c < 3 else 0.0
+                        moment_change[n] = to_tip * axes[k, c, n]
+                    tangent_change[n] = from_start * axes[k, c, n] if c < 3 else 0.0
                 for a in range(strains):
-                    by = moved if a < 3 else turned
+                    d = moment_change if a < 3 else tangent_change
                     out[first + i * strains + a, first + k * strains + c] = -(
-                        axes[i, a, 0] * by[0] + axes[i, a, 1] * by[1] + axes[i, a, 2] * by[2]
+                        axes[i, a, 0] * d[0] + axes[i, a, 1] * d[1] + axes[i, a, 2] * d[2]
                     )
 
 
 @helper
-def _other_elements(
+def _coupling_blocks(
     size: int,
-    left: FloatArray,
+    row_side: FloatArray,
     axes: FloatArray,
     base_side: FloatArray,
     tip_side: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Blocks of nodes of different elements of ``size`` rows, by their factors."""
+    """Compute the blocks of nodes of different elements, which have ``size`` rows each."""
     strains = axes.shape[1]
-    for at in range(out.shape[0]):
-        i, a, row, first = at // strains, at % strains, out[at], at // size * size
-        p, q, r = left[i, a, 0], left[i, a, 1], left[i, a, 2]
+    for number in range(out.shape[0]):
+        i, a, row, first = number // strains, number % strains, out[number], number // size * size
+        p, q, r = row_side[i, a, 0], row_side[i, a, 1], row_side[i, a, 2]
         for k in range(first):
             row[k] = -(p * base_side[0, k] + q * base_side[1, k] + r * base_side[2, k])
         p, q, r = axes[i, a, 0], axes[i, a, 1], axes[i, a, 2]

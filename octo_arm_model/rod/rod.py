@@ -1,4 +1,4 @@
-"""One arm and its loads: from tensions and a wrench on the tip to a stable equilibrium."""
+"""One arm and its loads: stable equilibria for given tensions and a given wrench on the tip."""
 
 import contextlib
 import functools
@@ -32,30 +32,29 @@ from octo_arm_model.rod.section_arrays import initial_twists
 from octo_arm_model.rod.tables import added_points, allowed_between, least_bending, tabulate
 from octo_arm_model.rod.tendons import unloaded_twists
 
-_TENSION_ERROR = 100.0  # in parts of the tension, over that of positions in parts of the length
+_TENSION_ERROR = 100.0  # allowed relative error of tensions over that of positions
 WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
-_DEPTH, _WORST_DEPTH = 1e-5, 1e-4  # likewise of depths in obstacles, over the length
-_WORST_TENSION = 1e-2  # likewise of tensions with friction, in parts of them
-_GENTLE = 0.1  # part of tensions with friction to begin with, where all of them are too much
-# The estimated error of positions is too small with friction: strains have kinks where tendons
-# begin to slip, and tensions are what later ones slide from.
-_OF_FRICTION = 0.01
-_PART = 0.25  # first step of continuation, where `Rod._warm` has failed with the whole way
-_FIRST_STEP = 0.1  # of continuation, where the whole way is too far for one
-# An equilibrium that is stable by a margin is not judged again where since then the arm has turned
-# by less than this [rad] and the force on it times the square of its lever over E J has changed by
-# less than this, and where sheaths take less than this part of its bending stiffness.
+# Errors of depths in obstacles over the length, allowed and largest, and of tensions, largest.
+_DEPTH, _WORST_DEPTH, _WORST_TENSION = 1e-5, 1e-4, 1e-2
+_REDUCED = 0.1  # part of the tensions that a search begins with, if friction or discs need it
+# The estimate is too small with friction: strains have kinks where tendons begin to slip.
+_FRICTION_FACTOR = 0.01
+_RESTART_STEP = 0.25  # first step of continuation from a start where Newton's method has failed
+_FIRST_STEP = 0.1  # first step of continuation otherwise
+# An equilibrium counts as stable without a test if a stable one with a margin is near: the arm has
+# turned by less [rad], the force on it times the square of its lever over E J has changed by less,
+# and sheaths take less of its bending stiffness than this.
 _SAME_SHAPE, _SAME_LOADS, _SOFT = 0.25, 0.02, 0.25
 
 
 class Setting(NamedTuple):
-    """How an arm is modelled.
+    """The options of the model of an arm.
 
     Attributes:
-        law: number of the elastic law, see `arm.material.LAWS`.
-        shear: whether cross sections shear; linear law only.
-        accuracy: of the position, over the length [-].
-        compiled: see `forms.choose_form`.
+        law: number of the elastic law, as in `arm.material.LAWS`.
+        shear: whether cross sections shear; this requires the linear law.
+        accuracy: allowed error of positions over the length [-].
+        compiled: whether numba compiles the node functions; None if it is installed and works.
     """
 
     law: int = NEO_HOOKEAN
@@ -69,12 +68,13 @@ class Rod:
 
     Attributes:
         arm: the arm.
-        setting: how it is modelled.
+        setting: the options of its model.
         is_compiled: whether numba compiles the node functions.
-        is_loaded: whether anything but tendons and the wrench on the tip loads it, or discs hold
-            the tendons, so that sections are not in balance by themselves.
-        has_obstacles: whether there are some.
-        added: points that the finer problem of each level has more in each element.
+        is_loaded: whether sections are not in balance by themselves, because loads other than
+            tendons and the wrench on the tip act, or because discs hold the tendons.
+        has_friction: whether tendons have friction.
+        has_obstacles: whether there are obstacles.
+        added: number of points that the finer problem of each level has more in each element.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Rod:
         base: FloatArray | None = None,
         setting: Setting = Setting(),
     ) -> None:
-        """Of ``arm`` on a base of the orientation ``base``, a quaternion w, x, y, z.
+        """Model ``arm`` on a base with the orientation ``base``, a quaternion w, x, y, z.
 
         Raises:
             ArmDefinitionError: if gravity acts on an arm of no density, or if loads are larger
@@ -96,7 +96,7 @@ class Rod:
         self.is_compiled = self._form is not arrays
         self._strains = 6 if setting.shear else 4
         self.added = added_points(setting.accuracy, bool(arm.friction))
-        # Problems of each level, and one of few nodes to follow an arm from its unloaded shape.
+        # The problem of each level is built when it is first needed.
         self.problem = functools.lru_cache(self._problem)
         self.finer = functools.lru_cache(
             lambda level: FinePoints(self.problem(level), self.problem(level, self.added))
@@ -107,19 +107,19 @@ class Rod:
             self.is_loaded |= bool(self._straight_resultants(loads).any())
 
     def _straight_resultants(self, loads: Loads) -> FloatArray:
-        """Force and free moment of ``loads`` on the straight rod, unless they are too large."""
-        own = self.problem(0)
+        """Return force and free moment of ``loads`` on the straight rod; refuse too large ones."""
+        problem = self.problem(0)
         with np.errstate(over='ignore', invalid='ignore'):
-            straight = own.straight_resultants()
-        places = np.concatenate([own.elements.edges, own.elements.s])
+            straight = problem.straight_resultants()
+        places = np.concatenate([problem.elements.edges, problem.elements.s])
         LoadLimits(self.arm, places).check_loads(loads, straight)
         return straight
 
     @functools.cached_property
     def _flexibility(self) -> tuple[float, float, FloatArray]:
-        """How far the arm turns by a force on it and by a pull between discs, at most [1/N].
+        """Bounds of the rotation by a force and by a pull between discs, and softness of sheaths.
 
-        And the part of its bending stiffness that each sheath takes per square of the tension.
+        These are parts of the bending stiffness per square of the tension, (J,).
         """
         tables, s = self.problem(0).tables, self.problem(0).elements.s
         bending = least_bending(tables)
@@ -128,69 +128,69 @@ class Rod:
         return by_force, float((apart**2 / bending).max()), tables.compliance / bending.min()
 
     def _problem(self, level: int, added: int = 0) -> Problem:
-        """The equations on elements of a ``level``, with so many points ``added`` to each."""
+        """Build the equations on elements of a ``level``, with ``added`` more points in each."""
         breaks, knots = self._loads.breaks, self._loads.knots
         elements = build_elements(self.arm, breaks, knots, level, added)
         tables = tabulate(self.arm, elements, self._base, law=self.setting.law)
-        given = self.arm, elements, tables, self._loads, self._form, self._strains
-        return Problem(*given, has_jacobian=not added)
+        described = self.arm, elements, tables, self._loads, self._form, self._strains
+        return Problem(*described, has_jacobian=not added)
 
     def readout(self, level: int, s: FloatArray) -> Readout:
-        """Reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
+        """Return what reads equilibria of a ``level`` at arc coordinates ``s`` (S,) [m]."""
         return Readout(self.finer(level), self.arm, s)
 
     def solve(
-        self, wanted: Condition, start: Equilibrium | None = None, spending: Spending | None = None
+        self, target: Condition, start: Equilibrium | None = None, spending: Spending | None = None
     ) -> Equilibrium:
-        """The equilibrium in a condition that is ``wanted``, of tensions (J,) at the base.
+        """Find the equilibrium in the condition ``target``, with tensions (J,) at the base.
 
-        Followed from ``start``, or from the unloaded shape. Tendons with friction slide from
-        `Condition.before` of any level, see `Problem.history`.
+        The arm is followed from ``start``, or from the unloaded shape. Tendons with friction slide
+        from the tensions `Condition.before`, a `Problem.history` of any level.
 
         Raises:
             SolveError: if there is no trustworthy answer.
             ContinuationError: if it would take more than the budget.
         """
         spending = spending or Spending(Budget())
-        is_loaded = self.is_loaded or bool(wanted.tip_wrench.any())
+        is_loaded = self.is_loaded or bool(target.tip_wrench.any())
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
             if is_loaded or self.has_friction:
                 try:
-                    found = self._loaded_equilibrium(wanted, start, spending)
+                    equilibrium = self._loaded_equilibrium(target, start, spending)
                 except ContinuationError:
                     raise
                 except ConvergenceError as error:
-                    why = self._explained(wanted, error)
-                    raise explain_discs(self.problem(0), wanted.tensions, why) from None
+                    explained = self._explained(target, error)
+                    raise explain_discs(self.problem(0), target.tensions, explained) from None
             else:
-                found = self._unloaded_equilibrium(wanted)
-            check_solution(self.problem(found.level), found.state, is_loaded)
-        return found
+                equilibrium = self._unloaded_equilibrium(target)
+            check_solution(self.problem(equilibrium.level), equilibrium.state, is_loaded)
+        return equilibrium
 
-    def _explained(self, wanted: Condition, error: ConvergenceError) -> ConvergenceError:
-        """Why there is no balance after ``error``, where an obstacle is in the way."""
+    def _explained(self, target: Condition, error: ConvergenceError) -> ConvergenceError:
+        """Return the ``error``, or one that says which obstacle keeps the arm from a balance."""
         problem = self.problem(0)
         if problem.contact is None:
             return error
-        problem.orient(self.unloaded(problem, wanted)[0])
-        if not (where := problem.contact.inside(problem.places())):
+        problem.orient(self.unloaded(problem, target)[0])
+        if not (violation := problem.contact.inside(problem.places())):
             return error
-        what = f'the balance of an arm that under its tensions alone is {where}'
-        return ConvergenceError(what, error.residual, error.iterations)
+        subject = f'the balance of an arm that under its tensions alone is {violation}'
+        return ConvergenceError(subject, error.residual, error.iterations)
 
     def _loaded_equilibrium(
-        self, wanted: Condition, start: Equilibrium | None, spending: Spending
+        self, target: Condition, start: Equilibrium | None, spending: Spending
     ) -> Equilibrium:
-        """A stable equilibrium under loads, on as many nodes as it takes."""
-        start = self.at_least(start, wanted.before)
-        found = None if start is None else self._warm(wanted, start, spending)
-        if found is None and start is not None and start.guess is not None:
+        """Find a stable equilibrium under loads, on enough nodes for the accuracy."""
+        start = self.at_least(start, target.before)
+        equilibrium = None if start is None else self._from_start(target, start, spending)
+        if equilibrium is None and start is not None and start.guess is not None:
             raise ContinuationError('one search', 0.0, start.state.residual, spending.iterations)
-        if found is None:
-            found = self._followed(wanted, start, spending)
-        if start is not None and found.firm_state is start.firm_state is not None:
-            return found  # resolved as well as that
-        return self._resolved(found, wanted, spending)
+        if equilibrium is None:
+            equilibrium = self._by_continuation(target, start, spending)
+        if start is not None and equilibrium.firm_state is start.firm_state is not None:
+            return equilibrium  # The start was resolved, and this one is close to it.
+        return self._resolved(equilibrium, target, spending)
 
     def _fine(self, level: int) -> Elements:
         friction = self.problem(level).friction
@@ -198,10 +198,10 @@ class Rod:
         return friction.fine
 
     def level_of(self, before: FloatArray) -> int:
-        """The level at whose fine points ``before`` (M, J) is.
+        """Return the level whose fine points the tensions ``before`` (M, J) are at.
 
         Raises:
-            ConfigError: if it is at those of no level of this arm.
+            ConfigError: if no level of this arm has so many fine points.
         """
         for level in (*range(len(LEVELS)), COARSE):
             if len(before) == self._fine(level).s.size:
@@ -209,90 +209,92 @@ class Rod:
         raise ConfigError('the backbone was solved by another solver')
 
     def at_level(self, condition: Condition, level: int) -> Condition:
-        """The ``condition`` with tensions ``before`` at the fine points of a ``level``."""
+        """Return ``condition`` with the tensions before at the fine points of a ``level``."""
         before = condition.before
-        if before is None or (given := self.level_of(before)) == level:
+        if before is None or (given_level := self.level_of(before)) == level:
             return condition
-        own = moved(before, self._fine(given), self._fine(level))
-        return condition._replace(before=own)
+        interpolated = moved(before, self._fine(given_level), self._fine(level))
+        return condition._replace(before=interpolated)
 
     def at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
-        """The ``start`` on no fewer nodes than ``before`` is given at."""
+        """Return ``start`` on a level that is no coarser than that of the tensions ``before``."""
         if start is None or before is None or (level := self.level_of(before)) <= start.level:
             return start
-        of, now = self.problem(start.level), self.problem(level)
-        z = moved(start.state.z, of.elements, now.elements)
+        coarse, fine = self.problem(start.level), self.problem(level)
+        z = moved(start.state.z, coarse.elements, fine.elements)
         condition = self.at_level(start.state.condition, level)
-        state = now.evaluate(now.at_nodes(condition), z)
+        state = fine.evaluate(fine.at_nodes(condition), z)
         return Equilibrium(state, level, None, None, start.iterations)
 
-    def first_level(self, start: Equilibrium | None, wanted: Condition) -> int:
-        """The level to begin a search on."""
+    def first_level(self, start: Equilibrium | None, target: Condition) -> int:
+        """Return the level on which a search begins."""
         if start is not None:
             return start.level
-        return 0 if wanted.before is None else max(self.level_of(wanted.before), 0)
+        return 0 if target.before is None else max(self.level_of(target.before), 0)
 
-    def _unloaded_equilibrium(self, wanted: Condition) -> Equilibrium:
-        """The balance of every cross section by itself, on as many nodes as it takes."""
+    def _unloaded_equilibrium(self, target: Condition) -> Equilibrium:
+        """Find the balance of every cross section by itself, on enough nodes for the accuracy."""
         iterations = 0
         for level in range(len(LEVELS)):
-            # At the finer points at once, as no balance of the whole arm is sought.
+            # Sections are in balance by themselves, so the finer points are solved for directly.
             finer = self.finer(level)
-            fine, left, steps = self.unloaded(finer.own, wanted)
+            fine, residual, steps = self.unloaded(finer.own, target)
             iterations += steps
             error = finer.own.position_error(fine)
             if error <= allowed_between(self.setting.accuracy):
                 break
         require_resolved(finer.own, error, max(self.setting.accuracy, WORST))
         z = finer.to_nodes @ fine
-        at_nodes = finer.problem.at_nodes(wanted)
-        state = State(at_nodes, z, np.zeros_like(z), left)
+        at_nodes = finer.problem.at_nodes(target)
+        state = State(at_nodes, z, np.zeros_like(z), residual)
         return Equilibrium(state, level, None, None, iterations, fine)
 
-    def unloaded(self, problem: Problem, wanted: Condition) -> tuple[FloatArray, float, int]:
-        """Twists at the nodes of ``problem`` under tensions alone, residual and steps.
+    def unloaded(self, problem: Problem, target: Condition) -> tuple[FloatArray, float, int]:
+        """Return twists at the nodes of ``problem`` under tensions alone, residual and steps.
 
-        Nearly, where tendons have friction.
+        With friction of the tendons the twists are approximate.
 
         Raises:
             SolveError: if there is no balance.
         """
-        local = np.empty((problem.elements.s.size, wanted.tensions.size))
-        local[:] = wanted.tensions
-        if problem.friction is not None and wanted.tensions.any():
+        local = np.empty((problem.elements.s.size, target.tensions.size))
+        local[:] = target.tensions
+        if problem.friction is not None and target.tensions.any():
             straight = initial_twists(problem.tables, local, problem.strains)
-            local = problem.first_tensions(wanted, straight)
+            local = problem.first_tensions(target, straight)
         z = np.zeros((len(local), problem.strains))
         try:
-            left, steps = balance_sections(problem.form, problem.tables, problem.work, local, z)
+            residual, steps = balance_sections(
+                problem.form, problem.tables, problem.work, local, z
+            )
         except ConvergenceError as error:
             raise explain(problem, local, error) from None
-        return z, left, steps
+        return z, residual, steps
 
-    def _warm(
-        self, wanted: Condition, start: Equilibrium, spending: Spending
+    def _from_start(
+        self, target: Condition, start: Equilibrium, spending: Spending
     ) -> Equilibrium | None:
-        """By Newton's method from ``start``; None where that leads to no stable equilibrium."""
+        """Search by Newton's method from ``start``; None if it finds no stable equilibrium."""
         problem = self.problem(start.level)
-        at_nodes = problem.at_nodes(self.at_level(wanted, start.level))
+        at_nodes = problem.at_nodes(self.at_level(target, start.level))
         guess = start.state.z if start.guess is None else start.guess
-        begun = problem.evaluate(at_nodes, guess)
-        found = newton(problem, begun, spending.residual, start.factors)
-        spending.add(found.iterations, 0.0, found.state.residual)
-        return self._accepted(problem, found, start, spending)
+        initial = problem.evaluate(at_nodes, guess)
+        result = newton(problem, initial, spending.residual, start.factors)
+        spending.add(result.iterations, 0.0, result.state.residual)
+        return self._accepted(problem, result, start, spending)
 
     def _accepted(
-        self, problem: Problem, found: NewtonResult, start: Equilibrium, spending: Spending
+        self, problem: Problem, result: NewtonResult, start: Equilibrium, spending: Spending
     ) -> Equilibrium | None:
-        """What was ``found``, if it is stable and nothing says that it left its branch."""
-        state, total = found.state, spending.iterations
-        if not (state.residual <= spending.residual and found.corrected <= MOST_CORRECTED):
+        """Return the ``result`` if it is stable and on the branch of ``start``, else None."""
+        state, total = result.state, spending.iterations
+        if not (state.residual <= spending.residual and result.corrected <= MOST_CORRECTED):
             return None
         if problem.passes(start.state.z, state.z):
             return None
         firm = start.firm_state
         if firm is not None and self.is_near(problem, firm, state):
-            return Equilibrium(state, start.level, found.factors or start.factors, firm, total)
+            return Equilibrium(state, start.level, result.factors or start.factors, firm, total)
         verdict = judge_stable(problem, state)
         return None if verdict is None else self._equilibrium(verdict, start.level, total)
 
@@ -301,113 +303,113 @@ class Rod:
         return Equilibrium(verdict.state, level, verdict.factors, firm, total)
 
     def is_near(self, problem: Problem, firm: State, state: State) -> bool:
-        """Whether ``state`` is stable as surely as the ``firm`` one, by a margin."""
+        """Whether ``state`` is so near the ``firm`` one, stable by a margin, that it is stable."""
         if problem.contact is not None or not problem.has_energy(state.condition):
-            return False  # A contact that opens holds the arm no more.
+            return False  # A contact that opens no longer holds the arm.
         by_force, by_pull, by_square = self._flexibility
         if float(state.at_nodes.tensions.max(axis=0) ** 2 @ by_square) > _SOFT:
             return False
         change = state.at_nodes.force - firm.at_nodes.force
         loads = by_force * float(np.abs(change).max())
-        if problem.discs is not None:  # between which the pull of tendons is a load
+        if problem.discs is not None:  # Between discs the pull of tendons is a load.
             pulls = state.at_nodes.tensions - firm.at_nodes.tensions
             loads += by_pull * float(np.abs(pulls).sum(axis=1).max())
         return loads <= _SAME_LOADS and problem.turn(state.z - firm.z) <= _SAME_SHAPE
 
-    def _followed(
-        self, wanted: Condition, start: Equilibrium | None, spending: Spending
+    def _by_continuation(
+        self, target: Condition, start: Equilibrium | None, spending: Spending
     ) -> Equilibrium:
-        """By continuation from ``start``, or from the unloaded shape."""
+        """Search by continuation from ``start``, or from the unloaded shape."""
         if start is not None:
             problem, level = self.problem(start.level), start.level
-            known, z = start.state.condition, start.state.z
-            wanted = self.at_level(wanted, level)
-            verdict = follow(problem, known, z, wanted, spending, step=_PART)
+            initial, z = start.state.condition, start.state.z
+            target = self.at_level(target, level)
+            verdict = follow(problem, initial, z, target, spending, step=_RESTART_STEP)
         else:
-            level = self.first_level(None, wanted)
-            verdict = self._cold(wanted, level, spending)
+            level = self.first_level(None, target)
+            verdict = self._from_unloaded(target, level, spending)
         return self._equilibrium(verdict, level, spending.iterations)
 
-    def _known(self, problem: Problem, wanted: Condition) -> tuple[Condition, FloatArray]:
-        """A condition without loads, under the tensions ``wanted``, and twists (N, m) in it.
+    def _easy_condition(self, problem: Problem, target: Condition) -> tuple[Condition, FloatArray]:
+        """Return a condition that is easy to solve, to follow the arm from, and its twists (N, m).
 
-        Under part of the tensions, or none, where friction or discs alone keep more of them from
-        crushing the arm.
+        It has the tensions of ``target``, or part of them, or none, without other loads.
         """
-        known = wanted._replace(tip_wrench=np.zeros(6), factor=0.0)
+        initial = target._replace(tip_wrench=np.zeros(6), factor=0.0)
         if problem.contact is not None:
-            return self._straight(problem, known)
+            return self._straight(problem, initial)
         if problem.friction is None and problem.discs is None:
-            return known, self.unloaded(problem, known)[0]
-        for part in (1.0, _GENTLE):
-            known = known._replace(tensions=part * wanted.tensions)
+            return initial, self.unloaded(problem, initial)[0]
+        for part in (1.0, _REDUCED):
+            initial = initial._replace(tensions=part * target.tensions)
             with contextlib.suppress(ConvergenceError):
-                z = self.unloaded(problem, known)[0]
-                begun = problem.evaluate(problem.at_nodes(known), z)
-                state = newton(problem, begun, ON_THE_WAY).state
+                z = self.unloaded(problem, initial)[0]
+                guess = problem.evaluate(problem.at_nodes(initial), z)
+                state = newton(problem, guess, ON_THE_WAY).state
                 if state.residual <= ON_THE_WAY:
-                    return known, state.z
+                    return initial, state.z
         if problem.discs is not None:
             z = unloaded_twists(problem.tables, problem.strains)
-            return known._replace(tensions=np.zeros_like(wanted.tensions)), z
-        return known, self.unloaded(problem, known)[0]
+            return initial._replace(tensions=np.zeros_like(target.tensions)), z
+        return initial, self.unloaded(problem, initial)[0]
 
-    def _straight(self, problem: Problem, known: Condition) -> tuple[Condition, FloatArray]:
-        """A ``known`` condition without tensions, beside obstacles as they find the arm at rest.
-
-        And twists (N, m) in it, nearly.
-        """
-        known = known._replace(tensions=np.zeros_like(known.tensions))
+    def _straight(self, problem: Problem, condition: Condition) -> tuple[Condition, FloatArray]:
+        """Return ``condition`` without tensions, and nearly the twists (N, m) beside obstacles."""
+        condition = condition._replace(tensions=np.zeros_like(condition.tensions))
         z = unloaded_twists(problem.tables, problem.strains)
-        found = newton(problem, problem.evaluate(problem.at_nodes(known), z), ON_THE_WAY).state
-        return known, found.z if found.residual <= ON_THE_WAY else z
+        state = newton(problem, problem.evaluate(problem.at_nodes(condition), z), ON_THE_WAY).state
+        return condition, state.z if state.residual <= ON_THE_WAY else z
 
-    def _cold(self, wanted: Condition, level: int, spending: Spending) -> Verdict:
-        """From the unloaded shape: by Newton's method, or followed on few nodes, or on all."""
+    def _from_unloaded(self, target: Condition, level: int, spending: Spending) -> Verdict:
+        """Search from the unloaded shape: by Newton's method, else by continuation."""
         fine, coarse = self.problem(level), self.problem(COARSE)
-        given, wanted = wanted, self.at_level(wanted, level)
-        known, z = self._known(fine, wanted)
+        given_target, target = target, self.at_level(target, level)
+        initial, z = self._easy_condition(fine, target)
         tolerance = tolerance_of(fine)
-        found = newton(fine, fine.evaluate(fine.at_nodes(wanted), z), tolerance)
-        spending.add(found.iterations, 0.0, found.state.residual)
-        is_near = found.corrected <= MOST_CORRECTED and not fine.passes(z, found.state.z)
-        if found.state.residual <= tolerance and is_near:
-            verdict = judge_stable(fine, found.state)
+        result = newton(fine, fine.evaluate(fine.at_nodes(target), z), tolerance)
+        spending.add(result.iterations, 0.0, result.state.residual)
+        is_near = result.corrected <= MOST_CORRECTED and not fine.passes(z, result.state.z)
+        if result.state.residual <= tolerance and is_near:
+            verdict = judge_stable(fine, result.state)
             if verdict is not None:
                 return verdict
         if fine.contact is None and coarse.elements.s.size < fine.elements.s.size:
             try:
-                roughly = self.at_level(given, COARSE)
-                start, rough = self._known(coarse, roughly)
+                rough_target = self.at_level(given_target, COARSE)
+                start, rough_guess = self._easy_condition(coarse, rough_target)
                 rough_state = follow(
-                    coarse, start, rough, roughly, spending, _FIRST_STEP, True
+                    coarse, start, rough_guess, rough_target, spending, _FIRST_STEP, True
                 ).state
-                guess, reached = moved(rough_state.z, coarse.elements, fine.elements), wanted
+                guess, intermediate = moved(rough_state.z, coarse.elements, fine.elements), target
                 step = 1.0
-                if rough_state.condition is not roughly:
-                    # A branch of few nodes may end where that of the arm does not.
-                    reached = rough_state.condition._replace(before=wanted.before)
+                if rough_state.condition is not rough_target:
+                    # The branch of the coarse problem may end before that of the fine one.
+                    intermediate = rough_state.condition._replace(before=target.before)
                     step = _FIRST_STEP
-                return follow(fine, reached, guess, wanted, spending, step)
+                return follow(fine, intermediate, guess, target, spending, step)
             except ContinuationError:
-                raise  # Its budget is spent.
+                raise  # The budget is spent.
             except ConvergenceError:
-                pass  # Too few nodes, perhaps.
-        return follow(fine, known, z, wanted, spending, _FIRST_STEP)
+                pass  # The coarse problem may have too few nodes.
+        return follow(fine, initial, z, target, spending, _FIRST_STEP)
 
-    def _resolved(self, found: Equilibrium, wanted: Condition, spending: Spending) -> Equilibrium:
-        """What was ``found``, on as many nodes as it takes."""
-        while not self.is_resolved(self.problem(found.level), found.state, found.level):
-            level = found.level + 1
-            problem = self.problem(level)
-            z = moved(found.state.z, self.problem(found.level).elements, problem.elements)
-            condition = self.at_level(wanted, level)
+    def _resolved(
+        self, equilibrium: Equilibrium, target: Condition, spending: Spending
+    ) -> Equilibrium:
+        """Return the ``equilibrium`` in the condition ``target``, on enough nodes."""
+        state, level = equilibrium.state, equilibrium.level
+        while not self.is_resolved(self.problem(level), state, level):
+            problem = self.problem(level + 1)
+            z = moved(state.z, self.problem(level).elements, problem.elements)
+            level += 1
+            condition = self.at_level(target, level)
             verdict = follow(problem, condition, z, condition, spending)
-            found = self._equilibrium(verdict, level, spending.iterations)
-        return found
+            equilibrium = self._equilibrium(verdict, level, spending.iterations)
+            state = equilibrium.state
+        return equilibrium
 
     def is_resolved(self, problem: Problem, state: State, level: int) -> bool:
-        """Whether ``state`` on a ``level`` is as accurate as it should be.
+        """Whether ``state`` on a ``level`` is as accurate as required.
 
         Raises:
             SolveError: if it is not, and there is no finer level.
@@ -424,24 +426,24 @@ class Rod:
                         f'depths of about {depth:.1e} of the length'
                     )
                 return False
-        # Between discs tensions do not change.
-        slides = problem.friction is not None and problem.discs is None
-        if slides:
-            allowed *= _OF_FRICTION
+        # Between discs tensions are constant.
+        has_sliding = problem.friction is not None and problem.discs is None
+        if has_sliding:
+            allowed *= _FRICTION_FACTOR
         if self.is_last(level):
             allowed = max(allowed, WORST)
             require_resolved(problem, error, allowed)
         if not error <= allowed:
             return False
-        if not slides:
+        if not has_sliding:
             return True
-        rough = self.finer(level).friction_error(state)
-        if self.is_last(level) and not rough <= _WORST_TENSION:
+        tension_error = self.finer(level).friction_error(state)
+        if self.is_last(level) and not tension_error <= _WORST_TENSION:
             raise SolveError(
                 f'{problem.elements.s.size} nodes do not resolve the tensions of tendons with '
-                f'friction: error of about {rough:.1e} of them'
+                f'friction: error of about {tension_error:.1e} of them'
             )
-        return self.is_last(level) or rough <= _TENSION_ERROR * allowed
+        return self.is_last(level) or tension_error <= _TENSION_ERROR * allowed
 
     def is_last(self, level: int) -> bool:
         """Whether there is no finer level than this one."""
@@ -457,7 +459,7 @@ class Rod:
 
 
 def require_resolved(problem: Problem, error: float, allowed: float) -> None:
-    """Refuse an ``error`` of positions over the length of more than ``allowed``."""
+    """Raise SolveError if the ``error`` of positions over the length is above ``allowed``."""
     if not error <= allowed:
         raise SolveError(
             f'{problem.elements.s.size} nodes do not resolve the strains: error of '
@@ -466,5 +468,5 @@ def require_resolved(problem: Problem, error: float, allowed: float) -> None:
 
 
 def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
-    """Twists ``z`` (N, m) at the nodes of other elements."""
+    """Interpolate values ``z`` (N, ...) from the nodes of ``before`` to those of ``now``."""
     return np.ascontiguousarray(before.interpolation(now.s) @ z)

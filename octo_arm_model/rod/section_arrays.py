@@ -29,32 +29,32 @@ from octo_arm_model.rod.tables import (
     force_scale,
 )
 
-_MOST_STEPS = 30  # of the offset of a tendon in its sheath
-ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, from which see `Bends`
-_SETTLED = 1e-14  # change of an offset, over the lever
+_MOST_STEPS = 30  # for the offset of a tendon in its sheath
+ROUGH = 0.5  # cosine between a tendon's bends at the ends of an element for `Bends.is_rough`
+_CONVERGED = 1e-14  # square of the last change of an offset, over the lever
 _MOST_BALANCE = 200  # steps to the balance of a section
-_ROUNDING = 1e-6  # residual below which steps are taken as they are
+_ROUNDING = 1e-6  # residual below which steps are not shortened
 _SHORTENED = 0.5  # factor of a step that is too long
-_OVERSHOOT = 0.9  # of the slope along a step, that may be left with the other sign at its end
-# Indices for a cross product by one multiplication of permuted components.
+_OVERSHOOT = 0.9  # part of the slope along a step that may be left with opposite sign at its end
+# Indices that permute components for cross products.
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products along the last axis."""
-    found: FloatArray = a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
-    return found
+    """Return the cross products along the last axis."""
+    product: FloatArray = a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
+    return product
 
 
 class PulledTendons:
-    """The tendons under tension at all nodes, and their u.
+    """The tendons under tension at n nodes, and their vectors u.
 
     Attributes:
-        tension: (J, n) [N], zero beyond the anchorage.
-        pulled: which of all tendons these are, (J,).
+        tension: their tensions [N], zero beyond the anchorage, (J, n).
+        pulled: their indices among all tendons, (J,).
         strain: the six scaled strains, (6, n).
         unit: c = u / |u|, (3, J, n).
-        over: 1 / |u|, (J, n).
+        inverse: 1 / |u|, (J, n).
     """
 
     def __init__(
@@ -65,14 +65,14 @@ class PulledTendons:
         tensions: FloatArray,
         work: Work,
     ) -> None:
-        """Of scaled ``strain`` (6, n)."""
+        """Compute u of tendons with ``tensions`` (n, J) [N] in sections of ``strain`` (6, n)."""
         tension = (tensions * tables.reach).T
-        # Those that nobody pulls are left out.
+        # Slack tendons are left out.
         self.pulled = np.flatnonzero(tension.any(axis=1))
         if not self.pulled.size:
-            self.pulled = np.array([0])  # Arrays without tendons have no shape to go by.
+            self.pulled = np.array([0])  # NumPy cannot infer shapes from arrays without tendons.
         self.tension = np.ascontiguousarray(tension[self.pulled])
-        # x, y, dx, dy and 1, of which u and its derivatives are linear.
+        # u and its derivatives are linear in x, y, dx, dy and 1.
         self._path = np.ones((5, *self.tension.shape))
         self._path[:4] = tables.tendons.T[:, self.pulled]
         x, y, self.dx, self.dy, _ = self._path
@@ -101,7 +101,7 @@ class PulledTendons:
         t, n, b, stretch = self.strain[:4]
         yielding = self.compliance * self.tension
         guess = np.where(yielding * (n * n + b * b) < 0.25 * stretch, yielding, 0.0)
-        d, left = np.stack([guess * b, -guess * n]), np.full(x.shape, np.inf)
+        d, change = np.stack([guess * b, -guess * n]), np.full(x.shape, np.inf)
         for _ in range(_MOST_STEPS):
             u_t, u_n, u_b = self._along(x + d[0], y + d[1])
             inverse = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
@@ -110,42 +110,43 @@ class PulledTendons:
             nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), yielding * inverse)
             inverse = 1.0 / (nn * bb - nb * nb)
             step = np.stack([(bb * r_n - nb * r_b) * inverse, (nn * r_b - nb * r_n) * inverse])
-            # A tendon stays where its own iteration has ended.
-            d = d - np.where(left * left > _SETTLED, step, 0.0)
-            now = np.abs(step).sum(axis=0) / lever
-            left = np.where(left * left > _SETTLED, now, left)
-            if not (left * left > _SETTLED).any():
+            # The offset of a tendon no longer changes once it has converged.
+            d = d - np.where(change * change > _CONVERGED, step, 0.0)
+            step_size = np.abs(step).sum(axis=0) / lever
+            change = np.where(change * change > _CONVERGED, step_size, change)
+            if not (change * change > _CONVERGED).any():
                 break
-        return np.where(left * left <= _SETTLED, d, np.nan)
+        return np.where(change * change <= _CONVERGED, d, np.nan)
 
     def by_strain(self, slope: FloatArray) -> FloatArray:
-        """Gradient of |u| by the scaled strain, (m, J, n)."""
+        """Return the gradient of |u| by the scaled strain, (m, J, n)."""
         u_t, u_n, u_b = self.unit
-        found = np.empty((self._strains, *u_t.shape))
-        found[0] = self.x * u_b - self.y * u_n
-        found[1], found[2] = self.y * u_t, -self.x * u_t
-        found[3] = u_t + slope * self._winding
-        found[4:] = self.unit[1 : self._strains - 3]
-        return found
+        gradient = np.empty((self._strains, *u_t.shape))
+        gradient[0] = self.x * u_b - self.y * u_n
+        gradient[1], gradient[2] = self.y * u_t, -self.x * u_t
+        gradient[3] = u_t + slope * self._winding
+        gradient[4:] = self.unit[1 : self._strains - 3]
+        return gradient
 
     def derivatives(self, slope: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (m, n) and Hessian (m, m, n) of the energy of tendons and sheaths.
+        """Return gradient (m, n) and Hessian (m, m, n) of the energy of tendons and sheaths.
 
-        By the scaled strains; of the four without shear where there is none.
+        They are by the m scaled strains, which are four without shear.
         """
-        by, strains, weight = self.by_strain(slope), self._strains, self.tension * self.inverse
+        gradient, strains = self.by_strain(slope), self._strains
+        weight = self.tension * self.inverse
         path = self._path.copy()
         path[2:4] *= slope
         squares = np.einsum('kjn,ljn->kln', weight * path, path)
-        found = (_SQUARES[strains] @ squares.reshape(25, -1)).reshape(strains, strains, -1)
-        found -= np.einsum('ajn,cjn->acn', weight * by, by)
-        found[3, 3] += bend * np.einsum('jn,jn->n', self.tension, self._winding)
+        hessian = (_SQUARES[strains] @ squares.reshape(25, -1)).reshape(strains, strains, -1)
+        hessian -= np.einsum('ajn,cjn->acn', weight * gradient, gradient)
+        hessian[3, 3] += bend * np.einsum('jn,jn->n', self.tension, self._winding)
         if self.compliance.any():
-            found -= self._condensed(np.einsum('ack,kjn->cajn', _BY[:strains], path), by)
-        return np.einsum('ajn,jn->an', by, self.tension), found
+            hessian -= self._condensed(np.einsum('ack,kjn->cajn', _BY[:strains], path), gradient)
+        return np.einsum('ajn,jn->an', gradient, self.tension), hessian
 
     def _condensed(self, by: FloatArray, g: FloatArray) -> FloatArray:
-        """C D^-1 C^T of the offsets in sheaths, (m, m, n)."""
+        """Return C D^-1 C^T of the offsets in sheaths, (m, m, n)."""
         t, n, b = self.strain[:3]
         u_t, u_n, u_b = self.unit
         p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
@@ -162,12 +163,12 @@ class PulledTendons:
         mixed[1, 1] += self.tension * u_t
         nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), self.compliance * weight)
         factor = self.compliance / (nn * bb - nb * nb)
-        moved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
-        return np.asarray(np.einsum('dajn,dcjn->acn', mixed, moved))
+        solved = factor * np.stack([bb * mixed[0] - nb * mixed[1], nn * mixed[1] - nb * mixed[0]])
+        return np.asarray(np.einsum('dajn,dcjn->acn', mixed, solved))
 
 
-# From x, y, slope dx, slope dy and 1 to du/de by the six scaled strains, (6, 3, 5), and from
-# their products to those of four or all of these, (16 or 36, 25).
+# From x, y, slope dx, slope dy and 1 to du/de by the six scaled strains, (6, 3, 5); and from the
+# products of the former to the products of the latter, of four or all strains, (16 or 36, 25).
 _BY = np.zeros((6, 3, 5))
 _BY[[0, 2], [1, 0], [1, 0]] = -1.0
 _BY[[0, 1, 3, 3, 3, 4, 5], [2, 0, 0, 1, 2, 1, 2], [0, 1, 4, 2, 3, 4, 4]] = 1.0
@@ -175,7 +176,7 @@ _SQUARES = {m: np.einsum('ack,bcl->abkl', _BY[:m], _BY[:m]).reshape(-1, 25) for 
 
 
 def _scaled(z: FloatArray, width: FloatArray) -> FloatArray:
-    """The six scaled strains, (6, n)."""
+    """Return the six scaled strains, (6, n)."""
     strain = np.zeros((6, len(z)))
     strain[: z.shape[1]] = z.T
     strain[:3] *= width
@@ -186,7 +187,7 @@ _Density: TypeAlias = tuple[Number, Number, Number, Number, Number]
 
 
 def _from_rest(tables: Tables, strain: FloatArray, width: FloatArray) -> FloatArray:
-    """Scaled strains (6, n) less those at rest, the given ones of a rod that is straight there."""
+    """Return the scaled strains (6, n) less those at rest."""
     rest = tables.body[:, REST_T:].T
     if not rest.any():
         return strain
@@ -197,25 +198,25 @@ def _from_rest(tables: Tables, strain: FloatArray, width: FloatArray) -> FloatAr
 
 
 def _density_at(tables: Tables, strain: FloatArray) -> _Density:
-    """`density` of scaled strains (6, n)."""
+    """Return the derivatives `density` at scaled strains (6, n)."""
     squares = tables.body[:, SQUARED_N : SQUARED_B + 1].T
     bend = (strain[1:3] * strain[1:3] * squares).sum(axis=0)
     return density(tables.law, strain[3], bend)
 
 
 def _stress(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
-    """Gradient of the energy of the material by the scaled strain (6, n), (6, n)."""
+    """Return the gradient (6, n) of the energy of the material by the scaled strain (6, n)."""
     body, (by_stretch, by_bend, *_) = tables.body.T, parts
-    found = strain.copy()
-    found[0] *= body[TORSION]
-    found[1:3] *= 2.0 * body[AXIAL] * by_bend * body[SQUARED_N : SQUARED_B + 1]
-    found[3] = body[AXIAL] * by_stretch
-    found[4:] *= body[SHEAR]
-    return found
+    stress = strain.copy()
+    stress[0] *= body[TORSION]
+    stress[1:3] *= 2.0 * body[AXIAL] * by_bend * body[SQUARED_N : SQUARED_B + 1]
+    stress[3] = body[AXIAL] * by_stretch
+    stress[4:] *= body[SHEAR]
+    return stress
 
 
 def _stiffness(tables: Tables, strain: FloatArray, parts: _Density) -> FloatArray:
-    """Hessian of the energy of the material by the scaled strain (6, n), (6, 6, n)."""
+    """Return the Hessian (6, 6, n) of the energy of the material by the scaled strain (6, n)."""
     body, axial = tables.body.T, tables.body[:, AXIAL]
     n, b = strain[1] * body[SQUARED_N], strain[2] * body[SQUARED_B]
     _, by_bend, by_ss, by_sb, by_bb = parts
@@ -239,9 +240,9 @@ def _add_rest(
     g: FloatArray,
     h: FloatArray | None = None,
 ) -> None:
-    """What the bend at rest, which changes with the stretch, adds to the rows of the stretch.
+    """Add to the rows of the stretch the terms of the bend at rest, which changes with it.
 
-    Of the gradient (6, n) and the Hessian (6, 6, n) of the energy of the material.
+    ``g`` (6, n) and ``h`` (6, 6, n) are gradient and Hessian of the energy of the material.
     """
     rest = tables.body[:, REST_T:].T
     if tables.law == LINEAR or not rest.any():
@@ -264,7 +265,7 @@ def _unscale(
     g: FloatArray,
     h: FloatArray | None = None,
 ) -> None:
-    """From gradient (m, n) and Hessian (m, m, n) by the scaled strain to those by the twist."""
+    """Transform gradient (m, n) and Hessian (m, m, n) from the scaled strain to the twist."""
     if tables.law == LINEAR:
         return
     (width, slope, bend), bends = widening, z.T[:3]
@@ -279,11 +280,11 @@ def _unscale(
 
 
 def gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-    """Gradient of the energy of every cross section."""
+    """Compute the gradient of the energy of every cross section by the twist."""
     strains, (width, slope, bend) = z.shape[1], widening(tables.law, z[:, 3])
     strain = _scaled(z, width)
-    own = _from_rest(tables, strain, width)
-    g = _stress(tables, own, _density_at(tables, own))
+    elastic = _from_rest(tables, strain, width)
+    g = _stress(tables, elastic, _density_at(tables, elastic))
     _add_rest(tables, strain, (width, slope, bend), g)
     tendons = PulledTendons(tables, strain, width, tensions, work)
     g[:strains] += np.einsum('ajn,jn->an', tendons.by_strain(slope), tendons.tension)
@@ -292,17 +293,17 @@ def gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -
 
 
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-    """Gradient and Hessian of the energy of every cross section by the twist."""
+    """Compute the gradient and the Hessian of the energy of every cross section by the twist."""
     strains, (width, slope, bend) = z.shape[1], widening(tables.law, z[:, 3])
     strain = _scaled(z, width)
-    own = _from_rest(tables, strain, width)
-    parts = _density_at(tables, own)
-    g, h = _stress(tables, own, parts), _stiffness(tables, own, parts)
+    elastic = _from_rest(tables, strain, width)
+    parts = _density_at(tables, elastic)
+    g, h = _stress(tables, elastic, parts), _stiffness(tables, elastic, parts)
     _add_rest(tables, strain, (width, slope, bend), g, h)
     tendons = PulledTendons(tables, strain, width, tensions, work)
-    by_strain, twice = tendons.derivatives(slope, bend)
+    by_strain, second = tendons.derivatives(slope, bend)
     g[:strains] += by_strain
-    h[:strains, :strains] += twice
+    h[:strains, :strains] += second
     _unscale(tables, z, (width, slope, bend), g, h)
     work.gradient[:] = g[:strains].T
     work.hessian[:] = h[:strains, :strains].T
@@ -316,38 +317,41 @@ def balance(
     tolerance: float,
     work: Work,
 ) -> tuple[float, int]:
-    """Bring every cross section to balance with ``wrench`` (N, m), see `loops`."""
+    """Find the twists ``z`` at which every section balances ``wrench`` (N, m).
+
+    Return an estimate of the largest residual after the last step, and the number of steps.
+    """
     if not z[0, 3]:
         z[:] = initial_twists(tables, tensions, z.shape[1])
     scale = force_scale(tables, tensions)
-    step, left = np.zeros_like(z), np.inf
+    step, residual = np.zeros_like(z), np.inf
     slope, last = np.zeros((2, len(z)))
     for steps in range(1, _MOST_BALANCE + 1):
         sections(tables, z, tensions, work)
         np.subtract(work.gradient, wrench, out=work.residual)
-        sizes = _relative_residuals(wrench, scale, work).max(axis=1)
-        left = float(residual_left(sizes, last).max())
-        if left <= tolerance:
+        residuals = _relative_residuals(wrench, scale, work).max(axis=1)
+        residual = float(residual_left(residuals, last).max())
+        if residual <= tolerance:
             z += _section_steps(work)
-            return left, steps
-        last = sizes
+            return residual, steps
+        last = residuals
         if steps > 1:
             along = (work.residual * step).sum(axis=1)
-            fine = (along <= _OVERSHOOT * slope) | (sizes <= _ROUNDING)  # False for NaN
-            if not fine.all():
-                step = np.where(fine[:, np.newaxis], step, _SHORTENED * step)
-                slope = np.where(fine, slope, _SHORTENED * slope)
-                z -= np.where(fine[:, np.newaxis], 0.0, step)
-                last = np.zeros(len(z))  # nothing is known of how this converges
+            is_accepted = (along <= _OVERSHOOT * slope) | (residuals <= _ROUNDING)  # False for NaN
+            if not is_accepted.all():
+                step = np.where(is_accepted[:, np.newaxis], step, _SHORTENED * step)
+                slope = np.where(is_accepted, slope, _SHORTENED * slope)
+                z -= np.where(is_accepted[:, np.newaxis], 0.0, step)
+                last = np.zeros(len(z))  # a shortened step tells nothing of the convergence
                 continue
         step = _section_steps(work)
         slope = -(work.residual * step).sum(axis=1)
         z += step
-    return left, _MOST_BALANCE
+    return residual, _MOST_BALANCE
 
 
 def _section_steps(work: Work) -> FloatArray:
-    """Newton's step of every cross section alone, (n, m), by L D L^T."""
+    """Return Newton's step of every cross section by itself, (n, m), by L D L^T."""
     h, x = np.array(work.hessian.T, order='C'), -work.residual.T
     count = len(x)
     for a in range(count - 1):
@@ -361,9 +365,10 @@ def _section_steps(work: Work) -> FloatArray:
 
 
 def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatArray:
-    """Twists (n, m) near the balance under ``tensions`` (n, J) [N], as if tendons were parallel.
+    """Return twists (n, m) near the balance under ``tensions`` (n, J) [N].
 
-    Force and moment then do not depend on the strain, and the section bends in one plane.
+    They are those of tendons parallel to the midline. Force and moment then do not depend on the
+    strain, and the section bends in one plane.
     """
     body, axial = tables.body.T, tables.body[:, AXIAL]
     radii = np.sqrt(body[SQUARED_N : SQUARED_B + 1])
@@ -373,7 +378,7 @@ def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatA
     about = (pull[..., np.newaxis] * paths).sum(axis=1).T / (axial * radii)
     moment = np.hypot(*about)
     straight, stretch, curvature = bent_by(tables.law, force, moment)
-    # Scaled curvatures; moments are those of the tendons' pull with opposite sign.
+    # The scaled curvatures; the moments of the tendons' pull have the opposite sign.
     bends = about * (-curvature / np.maximum(moment, 1e-300)) / radii
     fails = ~(stretch > np.hypot(*bends) * body[LEVER])
     stretch, bends = np.where(fails, straight, stretch), np.where(fails, 0.0, bends)
@@ -387,12 +392,12 @@ def initial_twists(tables: Tables, tensions: FloatArray, strains: int) -> FloatA
 
 
 def relative_residual(wrench: FloatArray, scale: FloatArray, work: Work) -> float:
-    """Largest residual over its scale and the largest ``wrench`` (N, m) along the arm."""
+    """Return the largest residual over its scale plus the largest ``wrench`` (N, m) of the arm."""
     return float(_relative_residuals(wrench, scale, work).max(initial=0.0))
 
 
 def _relative_residuals(wrench: FloatArray, scale: FloatArray, work: Work) -> FloatArray:
-    """The same of every cross section and component, (N, m)."""
+    """Return the relative residual of every cross section and component, (N, m)."""
     scale = scale.repeat(3, axis=1)[:, : wrench.shape[1]] + np.abs(wrench).max(axis=0)
     return np.abs(work.residual) / scale
 
@@ -401,19 +406,18 @@ def _relative_residuals(wrench: FloatArray, scale: FloatArray, work: Work) -> Fl
 
 
 class Bends:
-    """How tendons turn in space.
+    """The curvature of tendons in space.
 
     Attributes:
-        bend: derivative by s of their unit tangents, in the axes of the section, (3, n, J) [1/m].
-        rate: its length, (n, J) [1/m], zero beyond the anchorage.
-        is_rough: where a bend turns so far within an element that its length is taken at fine
+        bend: derivative by s of the unit tangents, in the axes of the section, (3, n, J) [1/m].
+        rate: length of ``bend``, zero beyond the anchorage, (n, J) [1/m].
+        is_rough: whether ``bend`` turns so far within an element that its length is taken at fine
             points, (E, J).
-        kink: jumps of the unit tangents at the starts of elements, (3, E, J), zero where there
-            is none.
+        kink: jumps of the unit tangents at the starts of elements, or zero, (3, E, J).
     """
 
     def __init__(self, tables: Tables, z: FloatArray, unit: FloatArray, reach: FloatArray) -> None:
-        """Of tendons of ``unit`` tangents (3, n, J) that act where ``reach`` (n, J) is 1."""
+        """Differentiate the ``unit`` tangents (3, n, J); ``reach`` (n, J) is 1 where they act."""
         elements = tables.lengths.size
         by_element = unit.reshape(3, elements, len(tables.to_end), unit.shape[2])
         slope = tables.differentiation @ by_element
@@ -432,19 +436,19 @@ class Bends:
 
     @property
     def kink_angles(self) -> FloatArray:
-        """Angles of the `kink`, (E, J) [rad]."""
+        """The angles of the jumps `kink`, (E, J) [rad]."""
         size = 0.5 * np.sqrt((self.kink * self.kink).sum(axis=0))
         return np.asarray(2.0 * np.arcsin(np.minimum(size, 1.0)))
 
 
 def tendons_at(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> PulledTendons:
-    """Those under ``tensions`` (n, J) [N], which displace them in sheaths."""
+    """Return the tendons under ``tensions`` (n, J) [N], which also displace them in sheaths."""
     width, _, _ = widening(tables.law, z[:, 3])
     return PulledTendons(tables, _scaled(z, width), width, tensions, work)
 
 
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-    """Angle by which every tendon has turned between the base and every node, see `loops`."""
+    """Compute the angle (n, J) [rad] by which every tendon turns between base and node."""
     tendons, elements = tendons_at(tables, z, tensions, work), tables.lengths.size
     pulled = tendons.pulled
     bends = Bends(tables, z, tendons.unit.swapaxes(1, 2), tables.reach[:, pulled])

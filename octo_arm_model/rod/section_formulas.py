@@ -1,6 +1,6 @@
-"""Formulas of cross sections that both forms of the node functions take, for numbers and arrays.
+"""Formulas of cross sections that both forms of the node functions use, for numbers and arrays.
 
-Loops compile them, see `section_loops`.
+`section_loops` compiles them.
 """
 
 import numpy as np
@@ -8,18 +8,18 @@ import numpy as np
 from octo_arm_model.arm.hints import Number, Numbers
 from octo_arm_model.arm.material import LINEAR
 
-# What is left of a residual: how many times as much is said, and the least that is.
+# Factor of safety of an estimated residual, and the least estimate.
 _MARGIN, _LEAST = 20.0, 1e-12
 
 
 def density(
     law: int, stretch: Number, bend: Number
 ) -> tuple[Number, Number, Number, Number, Number]:
-    """Derivatives of psi_material / (E A) by lambda and ``bend``, (c R)^2 for a curvature c.
+    """Return derivatives of psi_material / (E A) by the stretch lambda and by ``bend``.
 
-    Of other sections than circles ``bend`` is that of the ellipse of the same area and second
-    moments, of semi-axes a and b: (c_n b)^2 + (c_b a)^2. By lambda, by bend, by both twice: ss,
-    sb, bb. NaN where a fibre has no length.
+    ``bend`` is (c R)^2 for a curvature c of a circular section, else (c_n b)^2 + (c_b a)^2 with
+    the semi-axes a and b of the ellipse of the same area and second moments. The derivatives are
+    by lambda, by bend, and the second ones ss, sb, bb; NaN where a fibre has no length.
     """
     if law == LINEAR:
         return stretch - 1.0, 0.125, 1.0, 0.0, 0.0
@@ -39,7 +39,7 @@ def density(
 
 
 def widening(law: int, stretch: Number) -> tuple[Number, Number, Number]:
-    """Radius over reference radius, and its two derivatives by the stretch."""
+    """Return the radius over the reference radius, and its two derivatives by the stretch."""
     if law == LINEAR:
         none = 0.0 * stretch
         return 1.0 + none, none, none
@@ -50,15 +50,15 @@ def widening(law: int, stretch: Number) -> tuple[Number, Number, Number]:
 
 
 def bent_by(law: int, force: Number, moment: Number) -> tuple[Number, Number, Number]:
-    """Stretch of the straight section, and of the bent one with its curvature times R [-].
+    """Return the stretch of the section kept straight, that of the bent one, and c R of this [-].
 
-    Under a pull ``force`` over E A and a ``moment`` over E A R that do not depend on the strain:
-    exact to first order in the moment, for rubber from the straight section and a secant.
+    The pull ``force`` over E A and the ``moment`` over E A R do not depend on the strain. The
+    result is exact to first order in the moment; for rubber it is the straight one and a secant.
     """
     if law == LINEAR:
         straight = np.maximum(1.0 - force, 0.05)
         return straight, straight, 4.0 * moment
-    # Straight rubber is in balance where this is lambda + 3 force, nearly, and 1 / lambda^2.
+    # Straight rubber is in balance where 1 / lambda^2 = lambda + 3 force, which this nearly is.
     stress = 1.0 + force + force + force * force / (1.0 + force)
     straight = 1.0 / np.sqrt(stress)
     ratio = 12.0 * moment / (straight + 2.0 * stress)
@@ -69,10 +69,11 @@ def bent_by(law: int, force: Number, moment: Number) -> tuple[Number, Number, Nu
 
 
 def rest_bend(law: int, stretch: Number) -> tuple[Number, Number]:
-    """What curvature at rest is multiplied by in a section without moment, and its derivative.
+    """Return the factor of the curvature at rest, and its derivative by the stretch.
 
-    By the stretch, in which it is linear: the fibres of a bent rod are all stretched alike there.
-    Torsion at rest is multiplied by the `widening`: fibres of a twisted rod are not sheared.
+    A section without moment has the curvature at rest times this factor, which is linear in the
+    stretch, because all fibres are then stretched alike. The factor of the torsion at rest is the
+    `widening`, because fibres are then not sheared.
     """
     if law == LINEAR:
         return 1.0 + 0.0 * stretch, 0.0 * stretch
@@ -82,9 +83,9 @@ def rest_bend(law: int, stretch: Number) -> tuple[Number, Number]:
 def offset_stiffness(
     bend: tuple[Number, Number, Number], p: tuple[Number, Number], stiff: Number
 ) -> tuple[Number, Number, Number]:
-    """Second derivatives of the energy by the offset in a sheath over k, nn, nb and bb.
+    """Return second derivatives of the energy by the offset in a sheath, over k: nn, nb and bb.
 
-    Of scaled curvatures ``bend``, where the stretch changes by ``p`` per offset and ``stiff`` is
+    ``bend`` are the scaled curvatures, ``p`` is the gradient of |u| by the offset and ``stiff`` is
     T / (k |u|).
     """
     (t, n, b), (p_n, p_b) = bend, p
@@ -95,12 +96,12 @@ def offset_stiffness(
     )
 
 
-# The paper's models, see `papers`: sums over tendons are pull, n, b, nn, bb, mixed and
-# torque, stiffness is E A, G I and E J about n and about b, and vectors are along t, n and b.
+# The models of `papers`. ``sums`` over tendons are pull, n, b, nn, bb, mixed and torque;
+# ``stiffness`` is E A, G I and E J about n and about b; vectors are along t, n and b.
 
 
 def paper_twist(sums: Numbers, stiffness: Numbers, p: Numbers) -> Numbers:
-    """Twist of a section of an imbalance ``p``: omega = (K + D)^-1 (F + p), and its stretch."""
+    """Return omega = (K + D)^-1 (F + p) times the stretch, and the stretch, of a section."""
     pull, n, b, nn, bb, mixed, torque = sums
     axial, torsion, bending_n, bending_b = stiffness
     about_n, about_b = bending_n + bb, bending_b + nn
@@ -114,7 +115,7 @@ def paper_twist(sums: Numbers, stiffness: Numbers, p: Numbers) -> Numbers:
 
 
 def paper_moments(sums: Numbers) -> tuple[Numbers, Numbers]:
-    """F and the diagonal of D."""
+    """Return F and the diagonal of D."""
     _, n, b, nn, bb, _, torque = sums
     return (-torque, -b, n), (nn + bb, bb, nn)
 
@@ -122,9 +123,9 @@ def paper_moments(sums: Numbers) -> tuple[Numbers, Numbers]:
 def paper_jump(
     k: Number, base: tuple[Number, Number], tip: tuple[Number, Number], p: Number
 ) -> Number:
-    """Imbalance at the side of an anchorage to the base by (11), from ``p`` at the other.
+    """Return the imbalance at the base side of an anchorage by (11), from ``p`` at the tip side.
 
-    One component, of the stiffness ``k`` and F and D at both sides.
+    It is one component, with the stiffness ``k`` and with F and D at both sides.
     """
     (f, d), (f_tip, d_tip) = base, tip
     omega = (f_tip + p) / (k + d_tip) + (f - f_tip) / (k + (d - d_tip))
@@ -132,9 +133,9 @@ def paper_jump(
 
 
 def paper_slope(stiffness: Numbers, sums: Numbers) -> Numbers:
-    """Coefficients of p' by (10): xi_0, k_0, that of p_n p_b, and of p_n' and p_b' two each.
+    """Return the coefficients of p' by (10): xi_0, k_0, that of p_n p_b, and two of each p'.
 
-    c times k_0 and xi_0, and what is multiplied by p_b and p_n.
+    The two pairs of p_n' and p_b' are c times k_0 and xi_0, and the factors of p_b and p_n.
     """
     _, torsion, bending, _ = stiffness
     _, n, b, nn, bb, _, _ = sums
@@ -144,10 +145,10 @@ def paper_slope(stiffness: Numbers, sums: Numbers) -> Numbers:
 
 
 def residual_left(size: Number, last: Number) -> Number:
-    """What a step of Newton's method leaves of a residual ``size``, from ``last`` before.
+    """Return a bound of the residual after a Newton step from ``size``, which followed ``last``.
 
-    At most, by its quadratic convergence with a `_MARGIN`, and by the square of ``size``. Where
-    ``last`` is zero nothing is known, and all of it is left.
+    It assumes quadratic convergence with a `_MARGIN`. If ``last`` is zero, nothing is known of the
+    convergence, and the bound is that of a step that leaves all of ``size``.
     """
     ratio = np.minimum(size / np.maximum(last, 1e-300), 1.0)
     return np.maximum(_MARGIN * size * np.maximum(size, ratio * ratio), _LEAST)

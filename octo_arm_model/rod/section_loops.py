@@ -1,17 +1,14 @@
-"""Node functions of cross sections as loops, see `loops`; `section_arrays` has them for NumPy.
+"""The node functions of cross sections as loops; `section_arrays` has them for NumPy.
 
 The energy of a cross section per reference length, of scaled strain e = (w kappa, lambda, v):
 
     psi = psi_material(e - e_rest) + sum T |u| + sum k |d|^2 / 2
     u = (lambda, v_n, v_b) + w kappa x (r + d) + w r'
 
-for a tendon of tension T at the offset r that stands off its path by d in a sheath of stiffness k;
-w(lambda) is the widening of the section, lambda^-1/2 for rubber. d is the one of least energy.
-e_rest, the bend at rest, changes with the stretch of rubber, see `rest_bend`.
-With c = u / |u|, the gradient of |u| by e is g = c . du/de, and its Hessian
-(du/de . du/de - g g^T) / |u|.
-
-What is compiled takes the arrays that it needs, see `loops`, some more than seven of them.
+A tendon of tension T has its path at r, from which it stands off by d in a sheath of stiffness k;
+d minimises the energy. w(lambda) is the widening of the section, lambda^-1/2 for rubber. The
+strain at rest e_rest changes with the stretch of rubber, as `rest_bend` says. With c = u / |u|,
+the gradient of |u| by e is g = c . du/de, and its Hessian is (du/de . du/de - g g^T) / |u|.
 """
 
 from typing import TypeAlias
@@ -47,9 +44,9 @@ from octo_arm_model.rod.tables import (
     Work,
 )
 
-_MOST_STEPS = 30  # of the offset of a tendon in its sheath
-_SETTLED = 1e-14  # change of an offset, over the lever
-MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # see `section_arrays.balance`
+_MOST_STEPS = 30  # for the offset of a tendon in its sheath
+_CONVERGED = 1e-14  # square of the last change of an offset, over the lever
+MOST_STEPS, ROUNDING, SHORTENED, OVERSHOOT = 200, 1e-6, 0.5, 0.9  # as in `section_arrays`
 _density, _widening = inlined(density), inlined(widening)
 _offset_stiffness, _bent_by = inlined(offset_stiffness), helper(bent_by)
 _rest_bend, _residual_left = inlined(rest_bend), inlined(residual_left)
@@ -57,13 +54,13 @@ SectionTables: TypeAlias = tuple[int, FloatArray, FloatArray, FloatArray, IntArr
 
 
 def section_tables(tables: Tables) -> SectionTables:
-    """`Tables.law`, `body`, `tendons`, `compliance` and `active`."""
+    """Return the fields law, body, tendons, compliance and active of ``tables``."""
     return tables.law, tables.body, tables.tendons, tables.compliance, tables.active
 
 
 @inlined
 def cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    """Fill in the cross product of two vectors."""
+    """Compute the cross product of two vectors."""
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
@@ -71,7 +68,7 @@ def cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
 
 @inlined
 def _scaled(z: FloatArray, width: float, strain: FloatArray) -> None:
-    """The six scaled strains of one node, (t, n, b, lambda, v_n, v_b)."""
+    """Compute the six scaled strains of one node, (t, n, b, lambda, v_n, v_b)."""
     strain[4] = strain[5] = 0.0
     for c in range(z.size):
         strain[c] = width * z[c] if c < 3 else z[c]
@@ -81,10 +78,10 @@ def _scaled(z: FloatArray, width: float, strain: FloatArray) -> None:
 def _offset(
     tendon: FloatArray, strain: FloatArray, width: float, yielding: float, lever: float
 ) -> tuple[float, float]:
-    """Offset d of a tendon from its path; ``yielding`` is T / k."""
+    """Return the offset d of a tendon from its path; ``yielding`` is T / k."""
     t, n, b, stretch = strain[0], strain[1], strain[2], strain[3]
     guess = yielding if yielding * (n * n + b * b) < 0.25 * stretch else 0.0
-    d_n, d_b, left = guess * b, -guess * n, np.inf
+    d_n, d_b, change = guess * b, -guess * n, np.inf
     for _ in range(_MOST_STEPS):
         u_t, u_n, u_b = _along(tendon, strain, width, d_n, d_b)
         inverse = 1.0 / np.sqrt(u_t * u_t + u_n * u_n + u_b * u_b)
@@ -94,10 +91,10 @@ def _offset(
         inverse = 1.0 / (nn * bb - nb * nb)
         s_n, s_b = (bb * r_n - nb * r_b) * inverse, (nn * r_b - nb * r_n) * inverse
         d_n, d_b = d_n - s_n, d_b - s_b
-        left = (abs(s_n) + abs(s_b)) / lever
-        if not left * left > _SETTLED:
+        change = (abs(s_n) + abs(s_b)) / lever
+        if not change * change > _CONVERGED:
             break
-    if not left * left <= _SETTLED:
+    if not change * change <= _CONVERGED:
         return np.nan, np.nan
     return d_n, d_b
 
@@ -106,7 +103,7 @@ def _offset(
 def _along(
     tendon: FloatArray, strain: FloatArray, width: float, d_n: float, d_b: float
 ) -> tuple[float, float, float]:
-    """U of a tendon that stands off its path by (d_n, d_b)."""
+    """Return the vector u of a tendon that stands off its path by (d_n, d_b)."""
     x, y = tendon[ALONG_N] + d_n, tendon[ALONG_B] + d_b
     return (
         strain[3] + strain[1] * y - strain[2] * x,
@@ -124,7 +121,7 @@ def _material(
     g: FloatArray,
     h: FloatArray,
 ) -> None:
-    """Gradient and lower half of the Hessian of the energy of the material by the strain."""
+    """Compute the gradient and the lower half of the Hessian of the energy of the material."""
     axial, about_n, about_b = body[AXIAL], body[SQUARED_N], body[SQUARED_B]
     bend, by_stretch = _rest_bend(law, strain[3])
     t = strain[0] - widening[0] * body[REST_T]
@@ -157,7 +154,7 @@ def _add_rest(
     g: FloatArray,
     h: FloatArray,
 ) -> None:
-    """What the bend at rest, which changes with the stretch, adds to the rows of the stretch."""
+    """Add to the rows of the stretch the terms of the bend at rest, which changes with it."""
     _, slope, second = widening
     t, n, b = slope * body[REST_T], by_stretch * body[REST_N], by_stretch * body[REST_B]
     if t == 0.0 and n == 0.0 and b == 0.0:
@@ -173,9 +170,9 @@ def _add_rest(
 
 
 def sections(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-    """Gradient and Hessian of the energy of every cross section by the twist."""
-    own = section_tables(tables)
-    _fill_sections(own, z, tensions, work.offsets, work.gradient, work.hessian)
+    """Compute the gradient and the Hessian of the energy of every cross section by the twist."""
+    of_sections = section_tables(tables)
+    _fill_sections(of_sections, z, tensions, work.offsets, work.gradient, work.hessian)
 
 
 @compiled
@@ -190,11 +187,11 @@ def _fill_sections(
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     for i in range(z.shape[0]):
         section(of_sections, i, z[i], tensions[i], offsets[i], g, h, room)
-        _keep(g, h, gradient[i], hessian[i])
+        _store(g, h, gradient[i], hessian[i])
 
 
 def add_gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> float:
-    """Add the gradient of every cross section to its residual; see `loops.residual`."""
+    """Add the gradient of every section to its residual, and return the largest relative one."""
     return _add_gradients(
         section_tables(tables), z, tensions, work.offsets, work.scale, work.gradient, work.residual
     )
@@ -221,14 +218,14 @@ def _add_gradients(
     for i in range(z.shape[0]):
         for c in range(count):
             value = abs(residual[i, c]) / (scale[i, c // 3] + largest[c])
-            if not (value <= worst or worst != worst):  # also NaN, which stays
+            if not (value <= worst or worst != worst):  # keeps NaN
                 worst = value
     return worst
 
 
 @inlined
-def _keep(g: FloatArray, h: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
-    """Fill in what `section` found."""
+def _store(g: FloatArray, h: FloatArray, gradient: FloatArray, hessian: FloatArray) -> None:
+    """Copy the gradient and the Hessian of one section to their arrays."""
     for a in range(gradient.size):
         gradient[a] = g[a]
         for c in range(a + 1):
@@ -246,10 +243,10 @@ def section(
     h: FloatArray,
     room: FloatArray,
 ) -> None:
-    """Gradient by the twist and lower half of the Hessian at node ``i`` into ``g`` and ``h``.
+    """Compute the gradient ``g`` and the lower half ``h`` of the Hessian at node ``i``.
 
-    Without rows in ``h`` there is no Hessian. ``room`` has rows of one tendon in a sheath, du/de
-    and C, and the scaled strain, as the last.
+    They are by the twist. If ``h`` has no rows, the Hessian is left out. ``room`` is a buffer for
+    du/de and C of one tendon in a sheath, and for the scaled strain in its last row.
     """
     law, bodies, paths, compliance, active = of_sections
     body, tendons, strain = bodies[i], paths[i], room[5]
@@ -311,7 +308,7 @@ def _add_shear(
     g: tuple[float, float, float, float, float, float],
     h: FloatArray,
 ) -> None:
-    """The rows of shear of a tendon of tension over |u| ``w``, see `sections`."""
+    """Add the rows of shear of a tendon, whose tension over |u| is ``w``, to the Hessian."""
     x, y, dx, dy = path
     for c in range(6):
         h[4, c] -= w * g[4] * g[c]
@@ -332,7 +329,7 @@ def _condense(
     room: FloatArray,
     h: FloatArray,
 ) -> None:
-    """Subtract C D^-1 C^T, as an offset follows the strain; ``unit`` ends with 1 / |u|."""
+    """Subtract C D^-1 C^T, because an offset follows the strain; ``unit`` ends with 1 / |u|."""
     t, n, b = room[5, 0], room[5, 1], room[5, 2]
     u_t, u_n, u_b, inverse = unit
     p_n, p_b = t * u_b - b * u_t, n * u_t - t * u_n
@@ -357,9 +354,9 @@ def _condense(
 def _unscale(
     z: FloatArray, widening: tuple[float, float, float], g: FloatArray, h: FloatArray
 ) -> None:
-    """From gradient and lower half of the Hessian by the scaled strain to those by the twist.
+    """Transform the gradient and the lower half of the Hessian from scaled strain to twist.
 
-    Of rubber, which has no shear.
+    This is for rubber, which has no shear.
     """
     width, slope, bend = widening
     t, n, b = z[0], z[1], z[2]
@@ -390,18 +387,18 @@ def balance(
     tolerance: float,
     work: Work,
 ) -> tuple[float, int]:
-    """Bring every cross section to balance with ``wrench`` (N, m) by Newton's method.
+    """Find the twists ``z`` at which every section balances ``wrench`` (N, m), by Newton's method.
 
-    From the twists ``z``, which are overwritten, or from those of parallel tendons where the
-    stretch is zero. Steps at whose end the energy has risen again are halved. The last step is
-    one that leaves a residual of at most ``tolerance``, see `residual_left`, or begins with it.
+    It starts from the given ``z``, or from the twists of parallel tendons where the stretch is
+    zero. A step at whose end the energy rises again is halved. The last step is one after which
+    `residual_left` is at most ``tolerance``.
 
     Returns:
         The largest of these residuals, and the largest number of steps.
     """
-    found = work.offsets, work.gradient, work.hessian, work.residual
+    out = work.offsets, work.gradient, work.hessian, work.residual
     return _balance(
-        section_tables(tables), tables.least_scale, z, tensions, wrench, tolerance, found
+        section_tables(tables), tables.least_scale, z, tensions, wrench, tolerance, out
     )
 
 
@@ -413,10 +410,10 @@ def _balance(
     tensions: FloatArray,
     wrench: FloatArray,
     tolerance: float,
-    found: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    out: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> tuple[float, int]:
     law, bodies, paths, _, active = of_sections
-    all_offsets, gradients, hessians, residuals = found
+    all_offsets, gradients, hessians, residuals = out
     g, h, room = np.empty(6), np.empty((6, 6)), np.zeros((6, 6))
     largest, worst, most = np.zeros(6), 0.0, 0
     step, scale, count = np.zeros(6), np.zeros(6), z.shape[1]
@@ -424,40 +421,40 @@ def _balance(
         for c in range(count):
             largest[c] = max(largest[c], abs(wrench[i, c]))
     for i in range(z.shape[0]):
-        own, pulls, left = z[i], tensions[i], residuals[i]
-        if own[3] == 0.0:
-            _guess(law, bodies[i], paths[i], active[i], pulls, own)
+        twist, tension, residual = z[i], tensions[i], residuals[i]
+        if twist[3] == 0.0:
+            _guess(law, bodies[i], paths[i], active[i], tension, twist)
         force = least_scale[i]
         for j in range(active[i]):
-            force += pulls[j]
+            force += tension[j]
         for c in range(count):
             scale[c] = largest[c] + force * (bodies[i, LEVER] if c < 3 else 1.0)
         slope, size, expected, steps = 0.0, 0.0, np.inf, 0
         while steps < MOST_STEPS and not expected <= tolerance:
             steps += 1
             last = size
-            section(of_sections, i, own, pulls, all_offsets[i], g, h, room)
+            section(of_sections, i, twist, tension, all_offsets[i], g, h, room)
             along, size = 0.0, 0.0
             for c in range(count):
-                left[c] = g[c] - wrench[i, c]
-                along += left[c] * step[c]
-                value = abs(left[c]) / scale[c]
-                if not (value <= size or size != size):  # also NaN, which stays
+                residual[c] = g[c] - wrench[i, c]
+                along += residual[c] * step[c]
+                value = abs(residual[c]) / scale[c]
+                if not (value <= size or size != size):  # keeps NaN
                     size = value
             expected = _residual_left(size, last)
             if steps > 1 and not (size <= ROUNDING or along <= OVERSHOOT * slope):
                 slope *= SHORTENED
-                size = 0.0  # The next one tells nothing of how this converges.
+                size = 0.0  # A shortened step tells nothing of the convergence.
                 for c in range(count):
                     step[c] *= SHORTENED
-                    own[c] -= step[c]
+                    twist[c] -= step[c]
                 continue
-            _keep(g, h, gradients[i], hessians[i])
-            _solve_ldl(h, left, step)
+            _store(g, h, gradients[i], hessians[i])
+            _solve_ldl(h, residual, step)
             slope = 0.0
             for c in range(count):
-                own[c] += step[c]
-                slope -= left[c] * step[c]
+                twist[c] += step[c]
+                slope -= residual[c] * step[c]
         if not (expected <= worst or worst != worst):
             worst = expected
         most = max(most, steps)
@@ -473,7 +470,7 @@ def _guess(
     tensions: FloatArray,
     z: FloatArray,
 ) -> None:
-    """Twist of a node as if tendons were parallel, see `arrays.initial_twists`."""
+    """Compute the twist of a node as `section_arrays.initial_twists` does."""
     axial, radius_n, radius_b = body[AXIAL], np.sqrt(body[SQUARED_N]), np.sqrt(body[SQUARED_B])
     force = about_n = about_b = 0.0
     for j in range(active):
@@ -496,11 +493,11 @@ def _guess(
 
 
 @inlined
-def _solve_ldl(h: FloatArray, left: FloatArray, x: FloatArray) -> None:
-    """Fill in ``x``, which a symmetric matrix of lower half ``h`` takes to minus ``left``."""
-    count = left.size
+def _solve_ldl(h: FloatArray, residual: FloatArray, x: FloatArray) -> None:
+    """Solve H x = -residual by L D L^T for ``x``; ``h`` is the lower half of H, overwritten."""
+    count = residual.size
     for a in range(count):
-        x[a] = -left[a]
+        x[a] = -residual[a]
         for c in range(a):
             for k in range(c):
                 h[a, c] -= h[a, k] * h[c, k] * h[k, k]
@@ -525,7 +522,7 @@ def tangent(
     offset: FloatArray,
     unit: FloatArray,
 ) -> None:
-    """Unit tangent of tendon ``j`` at node ``i`` and its offset in its sheath, see `_offset`."""
+    """Compute the unit tangent of tendon ``j`` at node ``i`` and its offset in its sheath."""
     law, body, tendons, compliance, _ = of_sections
     tendon, width = tendons[i, j], _widening(law, z[3])[0]
     _scaled(z, width, strain)

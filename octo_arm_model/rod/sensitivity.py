@@ -1,12 +1,12 @@
 """First derivatives of the shape, and the covariance of the tip that follows from them.
 
 At fixed twists a quantity p changes the residual by d res/dp, which a change of the twists
-balances, J dz = - d res/dp. With it, at nodes and stations, in base_frame,
+balances: J dz = - d res/dp. It changes poses at nodes and stations, in base_frame, by
 
     rotation phi = int R d kappa,    displacement d r = int phi x r' + R d v
 
-where int is the integral from the base. Stations are reached from the nodes by integrals and
-interpolation.
+where int is the integral from the base. Values at stations follow from those at the nodes by
+integration and interpolation.
 """
 
 import functools
@@ -32,9 +32,9 @@ from octo_arm_model.rod.tables import REST_T, SHEAR, TORSION
 from octo_arm_model.rod.tendons import PathChange, outward_paths
 
 # Derivatives of the tip's position and rotation vector by several quantities, (6, n) each; None
-# where the model has none.
+# if the model has no such derivative.
 TipChanges: TypeAlias = Sequence[FloatArray | None]
-# The quantities, by what people call them.
+# The quantities by their names in messages.
 _QUANTITIES = {
     'tension': 'tension',
     'youngs_modulus': "Young's modulus",
@@ -55,17 +55,17 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class Change:
-    """Change of the shape per unit of one or several quantities, the last axis.
+    """The change of the shape per unit of one or several quantities, along the last axis.
 
     Attributes:
         pose: displacement [m] and rotation vector [rad] of each cross section, in base_frame,
             (stations, 6, quantities).
         strain: change of tau, xi, k [1/m] and q [-], (stations, 4, quantities).
         tendon_length: change of the length of every tendon [m], (tendons, quantities).
-        tendon_tension: change of the tension of every tendon averaged over its unloaded length
-            [N], likewise; None without friction, where it equals the change at the base.
+        tendon_tension: change of the mean tension of every tendon over its unloaded length [N],
+            (tendons, quantities); None without friction, where it is the change at the base.
         twist: change of the twists at the nodes of the solver, (nodes, strains, quantities); None
-            of the paper's models, and of tendons that are driven by length.
+            for the paper's models, and for tendons that are driven by length.
     """
 
     pose: FloatArray
@@ -82,19 +82,19 @@ class Change:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Standard deviations of the quantities that the shape depends on, all independent.
+    """Standard deviations of independent quantities that the shape depends on.
 
     Attributes:
-        tension: of every tension [N].
-        youngs_modulus: of E, relative [-].
-        poisson_ratio: of nu [-].
-        offset: of every tendon's distance from the midline [m].
-        model_position: of each coordinate of the tip, by the error of the model [m].
-        model_rotation: of each component of its rotation vector, likewise [rad].
-        displacement: of every displacement of a tendon that is driven by length [m].
+        tension: every tension [N].
+        youngs_modulus: Young's modulus, relative [-].
+        poisson_ratio: Poisson's ratio [-].
+        offset: every tendon's distance from the midline [m].
+        model_position: each coordinate of the tip, by the error of the model [m].
+        model_rotation: each component of the tip's rotation vector, by this error [rad].
+        displacement: every displacement of a tendon that is driven by length [m].
 
     Raises:
-        ArmDefinitionError: if one is not finite, or negative.
+        ArmDefinitionError: if a value is not finite, or negative.
     """
 
     tension: float = 0.0
@@ -106,7 +106,7 @@ class Uncertainty:
     displacement: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check that every standard deviation is finite and not negative."""
         for name, unit in _UNITS.items():
             value = getattr(self, name)
             value = not_negative(f'uncertainty.{name}', value, 'standard deviation', unit)
@@ -119,19 +119,19 @@ class Uncertainty:
 
     @functools.cached_property
     def quantities(self) -> tuple[str, ...]:
-        """Those that are uncertain of tension, youngs_modulus, poisson_ratio and offset."""
+        """The names among tension, youngs_modulus, poisson_ratio and offset that are uncertain."""
         return tuple(name for name in _QUANTITIES if getattr(self, name))
 
     @functools.cached_property
     def of_model(self) -> FloatArray:
-        """The part of `tip_covariance` that is the error of the model, (6, 6)."""
+        """The covariance (6, 6) of the tip by the error of the model."""
         return np.diag(np.repeat([self.model_position**2, self.model_rotation**2], 3))
 
     def tip_covariance(self, changes: TipChanges) -> FloatArray:
-        """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
+        """Return the covariance (6, 6) of the tip's position [m] and rotation vector [rad].
 
-        ``changes`` are the derivatives by `quantities`. Displacements are left out: see
-        `rod.displacements`.
+        It is in base_frame. ``changes`` are the derivatives by `quantities`. The module
+        `rod.displacements` adds the part of displacements.
 
         Raises:
             ConfigError: if there is no derivative by something that is uncertain.
@@ -139,29 +139,30 @@ class Uncertainty:
         covariance = self.of_model.copy()
         for name, change in zip(self.quantities, changes, strict=True):
             if change is None:
-                what = _QUANTITIES[name]
-                raise ConfigError(f'the model has no derivative by {what}: choose exact')
+                quantity = _QUANTITIES[name]
+                raise ConfigError(f'the model has no derivative by {quantity}: choose exact')
             covariance += getattr(self, name) ** 2 * change @ change.T
         return covariance
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """First derivatives of one solution.
+    """The first derivatives of one solution.
 
-    The paper's models have those by tension and by E alone; the others are None. Those by nu,
-    offset and sheath are found when one is first asked for.
+    The paper's models have those by tension and by E only; the others are None. Those by nu,
+    offset and sheath are computed when they are first read.
 
     Attributes:
-        by_tension: per newton of each tendon's tension.
-        by_tip_wrench: per newton of force and newton metre of moment on the tip, in base_frame.
-        by_youngs_modulus: per relative change of E (of 1 for twice the stiffness), one column.
-        by_poisson_ratio: per unit of nu, one column.
-        by_offset: per metre of each tendon's distance from the midline.
-        by_sheath_stiffness: per pascal of each tendon's sheath, zero for a rigid one; None where
-            all are rigid.
-        by_friction: per unit of each tendon's mu, where tendons have friction.
-        find: gives the derivatives by 'poisson_ratio', 'offset' or 'sheath_stiffness'.
+        by_tension: change per newton of each tendon's tension.
+        by_tip_wrench: change per newton of force and newton metre of moment on the tip, in
+            base_frame.
+        by_youngs_modulus: change per relative change of E (1 is twice the stiffness), one column.
+        by_poisson_ratio: change per unit of nu, one column.
+        by_offset: change per metre of each tendon's distance from the midline.
+        by_sheath_stiffness: change per pascal of each tendon's sheath, zero for a rigid one; None
+            if all are rigid.
+        by_friction: change per unit of each tendon's mu; None without friction.
+        find: computes the derivatives by 'poisson_ratio', 'offset' or 'sheath_stiffness'.
     """
 
     by_tension: Change
@@ -172,17 +173,17 @@ class Sensitivity:
 
     @functools.cached_property
     def by_poisson_ratio(self) -> Change | None:
-        """See above."""
+        """Change per unit of nu, one column; None if the model has none."""
         return self.find('poisson_ratio')
 
     @functools.cached_property
     def by_offset(self) -> Change | None:
-        """See above."""
+        """Change per metre of each tendon's distance from the midline; None if there is none."""
         return self.find('offset')
 
     @functools.cached_property
     def by_sheath_stiffness(self) -> Change | None:
-        """See above."""
+        """Change per pascal of each tendon's sheath; None if all sheaths are rigid."""
         return self.find('sheath_stiffness')
 
     @property
@@ -197,7 +198,7 @@ class Sensitivity:
         return self.by_tip_wrench.tip
 
     def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
+        """Return the covariance (6, 6) of the tip's position [m] and rotation vector [rad].
 
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
@@ -213,8 +214,8 @@ class Sensitivity:
 
 @functools.lru_cache(maxsize=1024)
 def chi_square_limit(probability: float, size: int) -> float:
-    """Quantile of the chi-square distribution of ``size`` degrees of freedom [-]."""
-    # As scipy.stats.chi2.ppf, whose import takes a quarter of a second.
+    """Return the quantile of the chi-square distribution of ``size`` degrees of freedom [-]."""
+    # scipy.stats.chi2.ppf does the same, but its import takes a quarter of a second.
     return float(2.0 * gammaincinv(0.5 * size, probability))
 
 
@@ -225,7 +226,7 @@ _Columns: TypeAlias = Mapping[str, slice]  # of quantities, by their names in `S
 
 
 def _columns(**counts: int) -> _Columns:
-    """So many columns of each quantity, one after the other; those of none are left out."""
+    """Return the columns of each quantity, given their counts; those without are left out."""
     ends = itertools.accumulate(counts.values())
     return {
         name: slice(end - count, end) for (name, count), end in zip(counts.items(), ends) if count
@@ -233,31 +234,31 @@ def _columns(**counts: int) -> _Columns:
 
 
 class Linearisation:
-    """An equilibrium, the system about it, and what its residual changes by at fixed twists.
+    """The equations linearised about an equilibrium, with changes of the residual.
 
     Attributes:
         state: the equilibrium.
-        factors: of the Jacobian.
-        tendons: at the nodes.
-        tension: derivatives of tensions with friction; None where none change.
+        factors: factors of the Jacobian.
+        tendons: the tendons at the nodes.
+        tension: derivatives of tensions with friction; None if tensions do not change.
         rates: derivatives of local tensions by those at the base at fixed twists, (N, J).
-        rotation: as in `Work`.
-        slope: likewise.
+        rotation: rotation matrices of the nodes, as in `Work`.
+        slope: r' of the nodes, as in `Work`.
     """
 
     def __init__(
-        self, arm: Arm, problem: Problem, outwards: FloatArray, found: Equilibrium
+        self, arm: Arm, problem: Problem, outwards: FloatArray, equilibrium: Equilibrium
     ) -> None:
-        """Of what was ``found`` of ``arm`` on the nodes of ``problem``.
+        """Linearise about an ``equilibrium`` of ``arm`` on the nodes of ``problem``.
 
-        ``outwards`` (4, N, J) are `outward_paths` there.
+        ``outwards`` (4, N, J) are the `outward_paths` of the tendons there.
         """
-        state, known = found.state, found.factors
+        state, factors = equilibrium.state, equilibrium.factors
         problem.others.require_tangents('sensitivity')
         self.state, self.tension = state, problem.tension_derivatives(state)
-        # What was judged stable has been linearised for that.
-        if state is found.firm_state and isinstance(known, LazyFactors):
-            self.factors = known.factors()
+        # The test of its stability has already linearised this state.
+        if state is equilibrium.firm_state and isinstance(factors, LazyFactors):
+            self.factors = factors.factors()
         else:
             self.factors = problem.linearise(state)
         problem.load_work(state)
@@ -269,52 +270,52 @@ class Linearisation:
         self._gradient = work.gradient.copy()
 
     def imbalance(self, columns: _Columns, total: int) -> FloatArray:
-        """Change of the residual at fixed local tensions and loads, (n, m, total)."""
-        found = np.zeros((*self.state.z.shape, total))
+        """Return the change of the residual at fixed local tensions and loads, (n, m, total)."""
+        change = np.zeros((*self.state.z.shape, total))
         for name, where in columns.items():
             if name in _MATERIAL:
-                found[..., where] = getattr(self, f'by_{name}')[..., np.newaxis]
+                change[..., where] = getattr(self, f'by_{name}')[..., np.newaxis]
             elif name in _PATHS:
-                found[..., where] = getattr(self, f'by_{name}').gradient.swapaxes(1, 2)
-        return found
+                change[..., where] = getattr(self, f'by_{name}').gradient.swapaxes(1, 2)
+        return change
 
     @functools.cached_property
     def by_offset(self) -> PathChange:
-        """Per metre of each tendon's distance from the midline."""
+        """Change per metre of each tendon's distance from the midline."""
         return self.tendons.by_path(self._outwards)
 
     @property
     def by_sheath_stiffness(self) -> PathChange:
-        """Per pascal of each sheath."""
+        """Change per pascal of each sheath."""
         return self.tendons.by_sheath_stiffness
 
     @property
     def by_youngs_modulus(self) -> FloatArray:
-        """Per relative change of E, (n, m): the material's part of the gradient."""
+        """Change of the residual per relative change of E, (n, m): the material's gradient."""
         pull = self.tendons.tension[..., np.newaxis] * self.tendons.gradient
         return np.asarray(self._gradient - pull.sum(axis=1))
 
     @property
     def by_poisson_ratio(self) -> FloatArray:
-        """Per unit of nu, (n, m), by G alone."""
+        """Change of the residual per unit of nu, which changes G alone, (n, m)."""
         arm, body, s = self._arm, self._problem.tables.body, self._problem.elements.s
         tendons, z, width = self.tendons, self.state.z, self.tendons.width[:, 0]
         by_ratio = -1.0 / (1.0 + arm.material.poisson_ratio_at(s))
-        # Torsion of rubber is w (kappa_t - that at rest), as of all where w is 1.
-        twist, found = z[:, 0] - body[:, REST_T], np.zeros_like(z)
+        # The scaled torsion is w (kappa_t - kappa_t at rest), where w is 1 except for rubber.
+        twist, gradient = z[:, 0] - body[:, REST_T], np.zeros_like(z)
         if 'torsion' not in arm.stiffness.profiles:
             torque = by_ratio * body[:, TORSION] * width * twist
-            found[:, 0] = torque * width
-            found[:, 3] = torque * tendons.widening[:, 0] * twist
-        found[:, 4:] = (by_ratio * body[:, SHEAR])[:, np.newaxis] * z[:, 4:]
-        return found
+            gradient[:, 0] = torque * width
+            gradient[:, 3] = torque * tendons.widening[:, 0] * twist
+        gradient[:, 4:] = (by_ratio * body[:, SHEAR])[:, np.newaxis] * z[:, 4:]
+        return gradient
 
 
 class Derivatives:
-    """First derivatives of equilibria of a rod on one level of nodes, at given stations."""
+    """The first derivatives of equilibria of a rod on one level of nodes, at given stations."""
 
     def __init__(self, rod: Rod, level: int, s: FloatArray) -> None:
-        """At arc coordinates ``s`` (S,) [m] of ``rod``."""
+        """Prepare the stations at arc coordinates ``s`` (S,) [m] of ``rod``."""
         self._arm, self._problem = rod.arm, rod.problem(level)
         elements = self._problem.elements
         self._to_stations, self._at_stations = elements.integration(s), elements.interpolation(s)
@@ -325,32 +326,32 @@ class Derivatives:
         self._counts = dict.fromkeys(('tension', *_PATHS), tendons) | dict.fromkeys(_MATERIAL, 1)
         self._last: Linearisation | None = None
 
-    def sensitivity(self, found: Equilibrium) -> Sensitivity:
-        """Of an equilibrium that was ``found``, by all quantities of `Sensitivity`.
+    def sensitivity(self, equilibrium: Equilibrium) -> Sensitivity:
+        """Return the derivatives of an ``equilibrium`` by all quantities of `Sensitivity`.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        tendons, slides = self._rest_lengths.size, self._problem.friction is not None
+        tendons, has_friction = self._rest_lengths.size, self._problem.friction is not None
         columns = _columns(
-            tension=tendons, youngs_modulus=1, tip_wrench=6, friction=tendons * slides
+            tension=tendons, youngs_modulus=1, tip_wrench=6, friction=tendons * has_friction
         )
         wrenches = np.tile(np.eye(6), (self._problem.elements.s.size, 1, 1))
-        change = self._change(found, columns, wrenches)
+        change = self._change(equilibrium, columns, wrenches)
         parts: dict[str, Any] = {
-            f'by_{name}': part_of(change, own) for name, own in columns.items()
+            f'by_{name}': part_of(change, where) for name, where in columns.items()
         }
-        return Sensitivity(**parts, find=functools.partial(self._by, found))
+        return Sensitivity(**parts, find=functools.partial(self._by, equilibrium))
 
-    def _by(self, found: Equilibrium, name: str) -> Change | None:
-        """By nu or one of `_PATHS`; None where it is of sheaths and all are rigid."""
+    def _by(self, equilibrium: Equilibrium, name: str) -> Change | None:
+        """Return the change by nu or one of `_PATHS`; None for sheaths that are all rigid."""
         if name == 'sheath_stiffness' and not self._problem.tables.compliance.any():
             return None
-        return self._change(found, _columns(**{name: self._counts[name]}))
+        return self._change(equilibrium, _columns(**{name: self._counts[name]}))
 
-    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
-        """Change of an equilibrium that was ``found`` per unit of each of dead ``loads``.
+    def by_loads(self, equilibrium: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """Return the change of an ``equilibrium`` per unit of each of the dead ``loads``.
 
         Raises:
             ArmDefinitionError: if gravity acts on an arm of no density.
@@ -359,13 +360,13 @@ class Derivatives:
         """
         problem = self._problem
         wrenches = np.empty((problem.elements.s.size, 6, len(loads)))
-        for number, one in enumerate(loads):
-            dead = problem.loads.tabulate(self._arm, problem.elements, one)
-            wrenches[..., number] = np.concatenate(dead, axis=1) + one.tip_wrench
-        return self._change(found, _columns(tip_wrench=len(loads)), wrenches)
+        for number, load in enumerate(loads):
+            dead = problem.loads.tabulate(self._arm, problem.elements, load)
+            wrenches[..., number] = np.concatenate(dead, axis=1) + load.tip_wrench
+        return self._change(equilibrium, _columns(tip_wrench=len(loads)), wrenches)
 
-    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance (6, 6) of the tip in an equilibrium that was ``found``.
+    def tip_covariance(self, equilibrium: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
+        """Return the covariance (6, 6) of the tip in an ``equilibrium``.
 
         Raises:
             LoadError: if a load states no tangent stiffness.
@@ -374,55 +375,56 @@ class Derivatives:
         columns = _columns(**{name: self._counts[name] for name in uncertainty.quantities})
         if not columns:
             return uncertainty.of_model
-        linear, z, _ = self._twists(found, columns)
+        linear, z, _ = self._twists(equilibrium, columns)
         tip = along(self._to_stations[-1:], self._pose_rates(linear, z))[0]
-        return uncertainty.tip_covariance([tip[:, own] for own in columns.values()])
+        return uncertainty.tip_covariance([tip[:, where] for where in columns.values()])
 
-    def linearisation(self, found: Equilibrium) -> Linearisation:
-        """The system about an equilibrium that was ``found``; that of the last one is kept."""
-        if self._last is None or self._last.state is not found.state:
-            self._last = Linearisation(self._arm, self._problem, self._outwards, found)
+    def linearisation(self, equilibrium: Equilibrium) -> Linearisation:
+        """Return the equations linearised about ``equilibrium``; the last ones are cached."""
+        if self._last is None or self._last.state is not equilibrium.state:
+            self._last = Linearisation(self._arm, self._problem, self._outwards, equilibrium)
         return self._last
 
     def _twists(
-        self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
+        self, equilibrium: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
     ) -> tuple[Linearisation, FloatArray, FloatArray]:
-        """Changes of twists (N, m, total) and local tensions (N, J, total) about ``found``.
+        """Return the linearisation, and changes of twists (N, m, n) and local tensions (N, J, n).
 
-        Loads change the wrench (N, 6, loads) beyond the nodes.
+        ``columns`` are the n changes; ``wrenches`` (N, 6, loads) those of loads beyond the nodes.
         """
-        total, linear = max(at.stop for at in columns.values()), self.linearisation(found)
+        linear = self.linearisation(equilibrium)
+        total = max(where.stop for where in columns.values())
         by_local = linear.tendons.stretch_by_twist.swapaxes(1, 2)
-        push = linear.imbalance(columns, total)
+        imbalance = linear.imbalance(columns, total)
         local = self._local_changes(linear, columns, total)
         if linear.tension is not None:
-            push += by_local @ local
+            imbalance += by_local @ local
         elif 'tension' in columns:
-            push[..., columns['tension']] += by_local
+            imbalance[..., columns['tension']] += by_local
         if wrenches is not None:
             force, levers = wrenches[:, :3], skew(linear.slope) @ wrenches[:, :3]
             moment = wrenches[:, 3:] + along(self._problem.elements.to_tip, levers)
             rows = in_sections(linear.rotation, force, moment, linear.state.z.shape[1])
-            push[..., columns['tip_wrench']] -= rows
-        z = linear.factors.solve(-push.reshape(-1, total)).reshape(push.shape)
+            imbalance[..., columns['tip_wrench']] -= rows
+        z = linear.factors.solve(-imbalance.reshape(-1, total)).reshape(imbalance.shape)
         if linear.tension is not None:
             local += linear.tension.by_twists(z)
         return linear, z, local
 
     def _change(
-        self, found: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
+        self, equilibrium: Equilibrium, columns: _Columns, wrenches: FloatArray | None = None
     ) -> Change:
-        """Of all ``columns``, with arguments of `_twists`."""
-        linear, z, local = self._twists(found, columns, wrenches)
+        """Return the change of the shape by all ``columns``, with the arguments of `_twists`."""
+        linear, z, local = self._twists(equilibrium, columns, wrenches)
         weights, tendons = self._problem.elements.weights, linear.tendons
         by_z = weights[:, np.newaxis, np.newaxis] * tendons.stretch_by_twist
         length = np.tensordot(by_z, z, axes=([0, 2], [0, 1]))
         if tendons.has_sheaths:
             length += np.einsum('i,ij,ijc->jc', weights, tendons.stretch_by_tension, local)
-        own = np.arange(len(length))
+        tendon = np.arange(len(length))
         for name in set(_PATHS).intersection(columns):
-            moved = getattr(linear, f'by_{name}').stretch
-            length[own, columns[name].start + own] += weights @ moved
+            stretch = getattr(linear, f'by_{name}').stretch
+            length[tendon, columns[name].start + tendon] += weights @ stretch
         mean = None
         if self._problem.friction is not None:
             mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
@@ -432,30 +434,30 @@ class Derivatives:
         return Change(pose, strain, length, mean, z)
 
     def _pose_rates(self, linear: Linearisation, z: FloatArray) -> FloatArray:
-        """How poses of the nodes change with their twists ``z``, see `pose_rates`."""
+        """Return the `pose_rates` of the nodes by changes ``z`` (N, m, columns) of the twists."""
         return pose_rates(self._problem.elements.from_base, linear.rotation, linear.slope, z)
 
     def _local_changes(self, linear: Linearisation, columns: _Columns, total: int) -> FloatArray:
-        """Changes of the local tensions at fixed twists, (N, J, total)."""
-        found, tension = np.zeros((*linear.rates.shape, total)), linear.tension
-        own = np.arange(found.shape[1])
+        """Return the changes of the local tensions at fixed twists, (N, J, total)."""
+        change, tension = np.zeros((*linear.rates.shape, total)), linear.tension
+        tendon = np.arange(change.shape[1])
         for name, where in columns.items():
             if name == 'tension':
-                found[:, own, where.start + own] = linear.rates
+                change[:, tendon, where.start + tendon] = linear.rates
             elif tension is not None and name == 'friction':
-                found[:, own, where.start + own] = tension.by_friction
+                change[:, tendon, where.start + tendon] = tension.by_friction
             elif tension is not None and name in _PATHS:
                 unit = getattr(linear, f'by_{name}').unit
-                found[:, own, where.start + own] = tension.by_unit(unit)
-        return found
+                change[:, tendon, where.start + tendon] = tension.by_unit(unit)
+        return change
 
 
 def pose_rates(
     to_nodes: FloatArray, rotation: FloatArray, slope: FloatArray, z: FloatArray
 ) -> FloatArray:
-    """Derivatives by s of displacements and rotations (N, 6, columns) at the nodes.
+    """Return the derivatives by s of displacements and rotations (N, 6, columns) of the nodes.
 
-    Of changes ``z`` (N, m, columns) of the twists, with the integration ``to_nodes`` (N, N).
+    The twists change by ``z`` (N, m, columns). ``to_nodes`` (N, N) integrates from the base.
     """
     rates = np.empty((len(z), 6, z.shape[2]))
     np.matmul(rotation, z[:, :3], out=rates[:, 3:])
@@ -466,7 +468,7 @@ def pose_rates(
 
 
 def strain_changes(twist: FloatArray, z: FloatArray) -> FloatArray:
-    """Changes of tau, xi, k and q (n, 4, columns) by those ``z`` of a ``twist`` (n, m)."""
+    """Return the changes of tau, xi, k, q (n, 4, columns) if ``twist`` (n, m) changes by ``z``."""
     # tau, xi, k are curvatures over the stretch.
     bends, stretch = twist[:, :3, np.newaxis], twist[:, 3:4, np.newaxis]
     strain = z[:, :4].copy()
@@ -476,7 +478,7 @@ def strain_changes(twist: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def part_of(change: Change, where: slice) -> Change:
-    """Some of the quantities of a ``change``."""
+    """Return the quantities ``where`` of a ``change``."""
     mean, twist = change.tendon_tension, change.twist
     return Change(
         change.pose[..., where],

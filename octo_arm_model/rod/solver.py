@@ -1,4 +1,4 @@
-"""Tensions in, backbone out: the one way to solve an arm."""
+"""The solver of an arm: tensions in, backbone out."""
 
 from __future__ import annotations
 
@@ -44,22 +44,22 @@ STATICS: dict[str, Callable[[Setup], Statics]] = {
 }
 MODELS = tuple(STATICS)
 DEFAULT_MODEL = 'renda2012'
-_FINEST, _COARSEST = 1e-12, 1e-4  # accuracy that may be asked for
-_PLACES = 513  # at which the least stiffness of an arm is looked for
+_FINEST, _COARSEST = 1e-12, 1e-4  # bounds of the accuracy
+_PLACES = 513  # places at which the least stiffness of an arm is searched for
 
 
 class Solver:
-    """Solves one arm with one model, many times; `Config.solver` makes that of a file.
+    """Solves one arm with one model, many times; `Config.solver` makes the solver of a file.
 
     Everything that does not depend on the tensions is tabulated once. Results are kept for the
-    next solve: not for two threads at once, but each may take a copy. Solutions passed to it must
-    be its own, or a copy's: those of another model, grid or number of points are refused, those of
-    an arm that differs in parameters only are not detected.
+    next solve, so two threads must not share a solver, but each may take a copy. Solutions passed
+    to a solver must be its own or those of a copy: those of another model, grid or number of
+    points are refused; those of an arm with other parameters only are not detected.
 
     Attributes:
         arm: the arm.
         model: name of the model.
-        law: elastic law of the cross sections; always linear but for the model exact.
+        law: elastic law of the cross sections; always linear except in the model exact.
         loads: loads besides the tendons.
         base: pose of the base.
         grid: the stations.
@@ -82,17 +82,17 @@ class Solver:
         """Prepare ``arm`` for ``stations`` stations, starting from the pose ``base``.
 
         ``material`` is the name of an elastic law, ``shear`` lets cross sections shear (linear law
-        only) and ``loads`` act in every solve; these three are for the model exact, and the law
-        is ignored by the others, which are linear. ``compiled`` chooses the form of the node
-        functions: compiled by numba, or arrays of NumPy; None is numba where it is installed and
-        works. Results are the same. ``budget`` limits the continuation of one loaded arm; see
-        `together`. Nodes are as many as it takes for positions to be right to ``accuracy`` times
-        the length.
+        only) and ``loads`` act in every solve. These three are for the model exact; the others
+        ignore the law, and are linear. ``compiled`` chooses whether numba compiles the node
+        functions or NumPy computes them; None takes numba if it is installed and works. Results
+        are the same. ``budget`` limits the continuation of one loaded arm, or of all solves in
+        `together`. The number of nodes is chosen so that the error of positions is at most
+        ``accuracy`` times the length.
 
         Raises:
-            ConfigError: if there is no such model or material, they do not go together, the model
-                does not cover the arm or the loads, the stations are too few, or there is no such
-                accuracy.
+            ConfigError: if there is no such model or material, they exclude each other, the model
+                does not cover the arm or the loads, the stations are too few, or the accuracy is
+                out of bounds.
             ArmDefinitionError: if an argument is of another class, or a load does not fit the arm
                 or is larger than `LoadLimits` allow.
             ModuleNotFoundError: if ``compiled`` but numba is not installed; if it does not work,
@@ -112,7 +112,7 @@ class Solver:
             expected = f'a number from {_FINEST:g} to {_COARSEST:g}'
             raise ConfigError(f'accuracy is {shown(accuracy)}, expected {expected}')
         self.arm, self.model, self.base, self.loads = arm, model, base, loads
-        self._anew = functools.partial(
+        self._remake = functools.partial(
             Solver,
             arm,
             model,
@@ -131,9 +131,9 @@ class Solver:
         self._allowance = Allowance(budget)
         x, y, z, w = base.quaternion
         frame = np.array(base.position), np.array([w, x, y, z])
-        own = self.grid.s, self.grid.section
+        grid = self.grid.s, self.grid.section
         self._statics = STATICS[model](
-            Setup(arm, *own, frame, material, shear, loads, self._allowance, compiled, accuracy)
+            Setup(arm, *grid, frame, material, shear, loads, self._allowance, compiled, accuracy)
         )
         self.law = LAWS[self._statics.law]
         if shear and not (self._statics.strains == 6 and material == 'linear'):
@@ -144,14 +144,14 @@ class Solver:
         if loads.any:
             self._require_loads()
         self._wrench = loads.tip_wrench
-        places = np.linspace(0.0, arm.length, _PLACES)
-        self._limits = LoadLimits(arm, places)
-        self._reach = (arm.tendon_section <= own[1][:, np.newaxis]).astype(np.float64)
+        s = np.linspace(0.0, arm.length, _PLACES)
+        self._limits = LoadLimits(arm, s)
+        self._reach = (arm.tendon_section <= grid[1][:, np.newaxis]).astype(np.float64)
         self._reach.setflags(write=False)
 
     def __reduce__(self) -> tuple[functools.partial[Solver], tuple[()]]:
-        """A copy, one in another process as well, is prepared from the same arguments."""
-        return self._anew, ()
+        """Pickle and copy a solver by its arguments, from which the copy is prepared anew."""
+        return self._remake, ()
 
     @property
     def is_compiled(self) -> bool:
@@ -164,7 +164,7 @@ class Solver:
         return self._statics.strains
 
     def elements(self, level: int) -> Elements:
-        """Where the nodes of an equilibrium of a ``level`` are."""
+        """Return the elements and nodes of a ``level`` of equilibria."""
         return self._statics.problem(level).elements
 
     def shaped(
@@ -174,20 +174,21 @@ class Solver:
         strains: FloatArray,
         tensions: FloatArray,
         wrench: FloatArray,
-        found: tuple[float, int],
+        convergence: tuple[float, int],
     ) -> Backbone:
-        """A shape at the stations that was ``found`` elsewhere, with its residual and iterations.
+        """Return the backbone of a shape at the stations that this solver has not solved.
 
-        From positions (S, 3) [m] on, under ``tensions`` (J,) [N] and a ``wrench`` (6,) on the tip.
+        The arrays are (S, 3) [m], (S, 4), (4, S), (J,) [N], and (6,) for the ``wrench`` on the
+        tip. ``convergence`` is the residual and the number of iterations.
         """
-        residual, iterations = found
-        how = np.array(residual), np.array(iterations)
-        shapes = Shapes(position, quaternion, strains, None, *how)
-        return self._made(tensions.reshape(self.arm.tension_shape), wrench, shapes)
+        residual, iterations = convergence
+        numbers = np.array(residual), np.array(iterations)
+        shapes = Shapes(position, quaternion, strains, None, *numbers)
+        return self._read_only(tensions.reshape(self.arm.tension_shape), wrench, shapes)
 
     def with_loads(self, loads: Loads) -> Solver:
-        """The same under other ``loads``; errors are those of `Solver`."""
-        return functools.partial(self._anew, loads=loads)()
+        """Return a solver with the same arguments but ``loads``; errors are those of `Solver`."""
+        return functools.partial(self._remake, loads=loads)()
 
     def _require_loads(self) -> None:
         if not self._statics.takes_loads:
@@ -208,17 +209,17 @@ class Solver:
         tip_wrench: ArrayLike | None = None,
         start: Backbone | None = None,
     ) -> Backbone:
-        """Shape under ``tensions`` ``(..., *Arm.tension_shape)`` [N].
+        """Return the shape under ``tensions`` ``(..., *Arm.tension_shape)`` [N].
 
         ``tip_wrench`` (..., 6) is a force and a moment on the tip in base_frame [N, N m], besides
         those of ``loads``; its leading axes are broadcast with those of the tensions. A loaded arm
         is followed from ``start``, a single solution of this solver, or from the unloaded shape.
-        Tendons with friction are pulled from slack, see `follow` for others.
+        Tendons with friction are pulled from slack; `follow` pulls them from another solution.
 
         Raises:
             TensionError: if the tensions do not fit the arm, or are negative or not finite.
-            LoadError: if the tip's wrench is not six finite numbers, larger than `LoadLimits`
-                allow, or of another number of sets than the tensions.
+            LoadError: if the tip's wrench is not six finite numbers, exceeds `LoadLimits`, or its
+                leading axes do not fit those of the tensions.
             ConfigError: if the model has no loads and there are some, or obstacles have friction.
             SolveError: if the model has no trustworthy answer.
             ContinuationError: if a loaded arm would take more than the budget.
@@ -232,25 +233,25 @@ class Solver:
         start: Backbone | None,
         before: FloatArray | None,
     ) -> Backbone:
-        """As `solve`; tendons with friction slide from tensions ``before`` (tendons, points)."""
-        checked, wrench = self._given(tensions, tip_wrench)
-        own, lead = checked.shape[: -len(self.arm.tension_shape)], wrench.shape[:-1]
-        if lead != own:
+        """Check and broadcast the arguments, and solve from tensions ``before`` (J, M) [N]."""
+        checked, wrench = self._checked_input(tensions, tip_wrench)
+        axes, all_axes = checked.shape[: -len(self.arm.tension_shape)], wrench.shape[:-1]
+        if all_axes != axes:
             try:
-                lead = np.broadcast_shapes(own, lead)
+                all_axes = np.broadcast_shapes(axes, all_axes)
             except ValueError:
-                expected = f'those of the tensions, {own}, or none'
-                problem = f'tip_wrench has leading axes {lead}, expected {expected}'
+                expected = f'those of the tensions, {axes}, or none'
+                problem = f'tip_wrench has leading axes {all_axes}, expected {expected}'
                 raise LoadError(problem) from None
-            checked = np.broadcast_to(checked, (*lead, *self.arm.tension_shape))
+            checked = np.broadcast_to(checked, (*all_axes, *self.arm.tension_shape))
         if start is not None:
-            self._own(start)
+            self._equilibrium_of(start)
         return self._backbone(checked.copy(), wrench, start, before)
 
-    def _given(
+    def _checked_input(
         self, tensions: ArrayLike, tip_wrench: ArrayLike | None
     ) -> tuple[FloatArray, FloatArray]:
-        """Checked ``tensions`` [N] and the whole wrench on the tip, (..., 6) [N, N m]."""
+        """Return checked ``tensions`` [N] and the total wrench on the tip, (..., 6) [N, N m]."""
         self._require_frictionless()
         checked = check_tensions(self.arm, tensions)
         self._limits.check_tensions(checked)
@@ -265,53 +266,54 @@ class Solver:
         start: Backbone | None,
         before: FloatArray | None,
     ) -> Backbone:
-        """As `_solve`, of checked ``tensions`` and the whole ``wrench`` (..., 6) on the tip."""
-        lead = tensions.shape[: -len(self.arm.tension_shape)]
-        known = None if start is None else start.equilibrium
+        """Solve for checked ``tensions`` and the total ``wrench`` (..., 6) on the tip."""
+        axes = tensions.shape[: -len(self.arm.tension_shape)]
+        start_equilibrium = None if start is None else start.equilibrium
         history = None if before is None else before.T
-        if not lead:
-            wanted = Condition(tensions.ravel(), wrench, before=history)
-            shape = self._statics.solve(wanted, known, self._allowance.spending())
-            return self._of_one(tensions, wrench, shape)
-        count, stations = math.prod(lead), self.grid.s.size
-        wrenches = np.broadcast_to(wrench, (*lead, 6))
+        if not axes:
+            target = Condition(tensions.ravel(), wrench, before=history)
+            shape = self._statics.solve(target, start_equilibrium, self._allowance.spending())
+            return self._single(tensions, wrench, shape)
+        count, stations = math.prod(axes), self.grid.s.size
+        wrenches = np.broadcast_to(wrench, (*axes, 6))
         rows = tensions.reshape(count, len(self.arm.tendons))
         on_tips = wrenches.reshape(count, 6)
-        found = self._statics.solve_many(rows, on_tips, known, history)
-        along = found.tensions
+        solved = self._statics.solve_many(rows, on_tips, start_equilibrium, history)
+        local = solved.tensions
         shapes = Shapes(
-            found.position.reshape(*lead, stations, 3),
-            found.quaternion.reshape(*lead, stations, 4),
-            found.strains.reshape(4, *lead, stations),
-            None if along is None else along.reshape(*lead, *self._reach.shape),
-            found.residual.reshape(lead),
-            found.iterations.reshape(lead),
+            solved.position.reshape(*axes, stations, 3),
+            solved.quaternion.reshape(*axes, stations, 4),
+            solved.strains.reshape(4, *axes, stations),
+            None if local is None else local.reshape(*axes, *self._reach.shape),
+            solved.residual.reshape(axes),
+            solved.iterations.reshape(axes),
         )
-        return self._made(tensions, wrenches, shapes)
+        return self._read_only(tensions, wrenches, shapes)
 
-    def _of_one(self, tensions: FloatArray, wrench: FloatArray, shape: Shape) -> Backbone:
-        found = shape.equilibrium
+    def _single(self, tensions: FloatArray, wrench: FloatArray, shape: Shape) -> Backbone:
+        equilibrium = shape.equilibrium
         history = None
         if self.arm.friction:
-            history = self._statics.history(found).T
-        how = np.array(found.state.residual), np.array(found.iterations)
-        return self._made(tensions, wrench, Shapes(*shape[:4], *how), found, history)
+            history = self._statics.history(equilibrium).T
+        convergence = np.array(equilibrium.state.residual), np.array(equilibrium.iterations)
+        shapes = Shapes(*shape[:4], *convergence)
+        return self._read_only(tensions, wrench, shapes, equilibrium, history)
 
-    def _made(
+    def _read_only(
         self,
         tensions: FloatArray,
         wrench: FloatArray,
         shapes: Shapes,
-        found: Equilibrium | None = None,
+        equilibrium: Equilibrium | None = None,
         history: FloatArray | None = None,
     ) -> Backbone:
-        """A `Backbone` of these arrays, which are read-only from now on."""
-        position, quaternion, strains, along, residual, iterations = shapes
-        if along is not None:
-            along = along * self._reach
-            # At the base they are given, not interpolated from points beyond.
-            along[..., 0, :] = tensions.reshape(along[..., 0, :].shape) * self._reach[0]
-        for array in (tensions, wrench, along, history, *shapes):
+        """Return a `Backbone` of these arrays, which become read-only."""
+        position, quaternion, strains, local, residual, iterations = shapes
+        if local is not None:
+            local = local * self._reach
+            # The tensions at the base are given; interpolated ones would differ by rounding.
+            local[..., 0, :] = tensions.reshape(local[..., 0, :].shape) * self._reach[0]
+        for array in (tensions, wrench, local, history, *shapes):
             if array is not None:
                 array.setflags(write=False)
         return Backbone(
@@ -328,9 +330,9 @@ class Solver:
             wrench,
             residual,
             iterations,
-            found,
+            equilibrium,
             self._reach,
-            along,
+            local,
             history,
         )
 
@@ -338,7 +340,7 @@ class Solver:
         """Return ``tip_wrench`` (..., 6) as a float array.
 
         Raises:
-            LoadError: if it is not six finite numbers, or larger than `LoadLimits` allow.
+            LoadError: if it is not six finite numbers, or exceeds `LoadLimits`.
             ConfigError: if it is not zero and the model has no loads.
         """
         wrench = tip_wrench_of(tip_wrench)
@@ -350,13 +352,11 @@ class Solver:
     def follow(
         self, tensions: ArrayLike, last: Backbone | None, tip_wrench: ArrayLike | None = None
     ) -> Backbone:
-        """As `solve` from the ``last`` solution, if any; without a start where that fails.
+        """Return the shape under ``tensions``, followed from the ``last`` solution, if any.
 
-        Tendons with friction slide from their tensions in the ``last`` one, so that a sequence of
-        tensions shows the hysteresis of the arm.
-
-        Raises:
-            OctoArmError: as `solve`.
+        If that fails, the arm is followed from the unloaded shape. Tendons with friction slide
+        from their tensions in the ``last`` solution, so that a sequence of tensions shows the
+        hysteresis of the arm. Arguments and errors are those of `solve`.
         """
         check_class('last', last, Backbone, NoneType)
         before = None if last is None else last.point_tensions
@@ -372,46 +372,46 @@ class Solver:
                 return self._solve(tensions, tip_wrench, None, before)
 
     def together(self) -> AbstractContextManager[None]:
-        """Within it all solves have the time of one budget together, its iterations each."""
+        """Return a context in which all solves share the time of one budget."""
         return self._allowance.together()
 
     def sensitivity(self, backbone: Backbone) -> Sensitivity:
-        """First derivatives of a single solution of this solver.
+        """Return the first derivatives of a single solution of this solver.
 
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        return self._statics.sensitivity(self._own(backbone))
+        return self._statics.sensitivity(self._equilibrium_of(backbone))
 
     def sensitivity_to_loads(self, backbone: Backbone, loads: Sequence[Loads]) -> Change:
-        """Change of a single solution of this solver per unit of each of ``loads``.
+        """Return the change of a single solution of this solver per unit of each of ``loads``.
 
         The derivative is by a factor on each of ``loads``, which need not act on the arm: `Loads`
-        of a force of 1 N give the change per newton, `Loads` of gravity and a fluid that per part
-        of the weight. At the s of a point load the solver must have one too, of any magnitude, or
-        an anchorage.
+        with a force of 1 N give the change per newton, `Loads` with gravity and a fluid the change
+        per weight. At the s of a point load the solver must have a point load of any magnitude,
+        or an anchorage.
 
         Raises:
-            ConfigError: as `sensitivity`; if the model has no loads, one of ``loads`` is of
-                another kind than the dead ones, or tendons have friction.
+            ConfigError: if ``backbone`` is that of a batch or of another solver, the model has no
+                loads, one of ``loads`` is not dead, or tendons have friction.
             ArmDefinitionError: if a load does not fit the arm.
         """
-        found = self._own(backbone)
+        equilibrium = self._equilibrium_of(backbone)
         self._require_loads()
         if not (isinstance(loads, Sequence) and loads):
             raise ConfigError(f'loads are {shown(loads)}, expected a list of Loads')
-        for one in loads:
-            check_class('one of loads', one, Loads)
-            one.check_inside(self.arm.length)
-            given = {'others': one.others, 'scaled': one.scaled, 'obstacles': one.obstacles}
-            if what := next((name for name, value in given.items() if value), ''):
-                raise ConfigError(f'loads.{what} have no derivatives by their magnitude')
-        return self._statics.by_loads(found, loads)
+        for load in loads:
+            check_class('one of loads', load, Loads)
+            load.check_inside(self.arm.length)
+            kinds = {'others': load.others, 'scaled': load.scaled, 'obstacles': load.obstacles}
+            if kind := next((name for name, value in kinds.items() if value), ''):
+                raise ConfigError(f'loads.{kind} have no derivatives by their magnitude')
+        return self._statics.by_loads(equilibrium, loads)
 
     def tip_covariance(self, backbone: Backbone, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance (6, 6) of the tip's position [m] and rotation vector [rad] in base_frame.
+        """Return the covariance (6, 6) of the tip's position [m] and rotation vector [rad].
 
-        To first order; zero where nothing is uncertain.
+        It is in base_frame and to first order, and zero if nothing is uncertain.
 
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
@@ -419,47 +419,43 @@ class Solver:
         check_class('uncertainty', uncertainty, Uncertainty)
         if not uncertainty.is_any:
             return np.zeros((6, 6))
-        return self._statics.tip_covariance(self._own(backbone), uncertainty)
+        return self._statics.tip_covariance(self._equilibrium_of(backbone), uncertainty)
 
     def tendon_lengths(self, backbone: Backbone) -> FloatArray:
-        """Length of every tendon from the base to its anchorage [m], of `Arm.tension_shape`.
-
-        For a single solution of this solver.
+        """Return the length of every tendon from base to anchorage [m], of `Arm.tension_shape`.
 
         Raises:
-            ConfigError: if ``backbone`` is that of a batch.
+            ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        found = self._own(backbone)
-        return self._statics.tendon_lengths(found).reshape(self.arm.tension_shape)
+        equilibrium = self._equilibrium_of(backbone)
+        return self._statics.tendon_lengths(equilibrium).reshape(self.arm.tension_shape)
 
     def contacts(self, backbone: Backbone) -> Contacts:
-        """How obstacles act on the arm in a single solution of this solver.
+        """Return the contacts of the arm with obstacles in a single solution of this solver.
 
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        return self._statics.contacts(self._own(backbone))
+        return self._statics.contacts(self._equilibrium_of(backbone))
 
     def local_tensions(self, backbone: Backbone) -> FloatArray:
-        """Tension of every tendon at every node of the model [N], (tendons, nodes).
-
-        For a single solution of this solver.
-
-        Raises:
-            ConfigError: if ``backbone`` is that of a batch.
-        """
-        return self._statics.local_tensions(self._own(backbone)).T
-
-    def displacements(self, backbone: Backbone) -> FloatArray:
-        """Length that the winch of each tendon has reeled in [m], of `Arm.tension_shape`.
-
-        For a single solution of this solver; of a slack tendon the least that makes it taut.
+        """Return the tension of every tendon at every node of the model [N], (tendons, nodes).
 
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        found = self._statics.displacements(self._own(backbone))
-        return found.reshape(self.arm.tension_shape)
+        return self._statics.local_tensions(self._equilibrium_of(backbone)).T
+
+    def displacements(self, backbone: Backbone) -> FloatArray:
+        """Return the length that the winch of each tendon has reeled in [m].
+
+        The shape is `Arm.tension_shape`. For a slack tendon it is the least that makes it taut.
+
+        Raises:
+            ConfigError: if ``backbone`` is that of a batch or of another solver.
+        """
+        reeled = self._statics.displacements(self._equilibrium_of(backbone))
+        return reeled.reshape(self.arm.tension_shape)
 
     @property
     def rest_lengths(self) -> FloatArray:
@@ -468,40 +464,39 @@ class Solver:
 
     @functools.cached_property
     def largest_displacements(self) -> FloatArray:
-        """Lengths that no winch can have reeled in [m], (tendons,).
+        """Upper bounds of the lengths that winches can reel in [m], (tendons,).
 
-        That of the tendon in the unloaded arm, and what it stretches under `LoadLimits.force`.
+        Each is the length in the unloaded arm plus the stretch under `LoadLimits.force`.
         """
         rest = self.rest_lengths.ravel()
         return rest + self._limits.force * self.arm.tendon_compliance(rest)
 
     def check_displacements(self, displacements: FloatArray, tendons: Sequence[int]) -> None:
-        """Check ``displacements`` [m], one for each of the ``tendons`` by their numbers.
+        """Check ``displacements`` [m], one for each of the ``tendons``, given by number.
 
         Raises:
-            TensionError: if one is longer than what there is to reel in.
+            TensionError: if one is not below its upper bound, `largest_displacements`.
         """
-        most = self.largest_displacements[list(tendons)]
-        beyond = np.flatnonzero(displacements >= most)
+        largest = self.largest_displacements[list(tendons)]
+        beyond = np.flatnonzero(displacements >= largest)
         if beyond.size:
             first = beyond[0]
             number = tendons[first]
             length = self.rest_lengths.ravel()[number]
-            stretch = most[first] - length
-            more = f' and {stretch:.4g} m that it stretches at most' if stretch else ''
+            stretch = largest[first] - length
+            stretched = f' and {stretch:.4g} m that it stretches at most' if stretch else ''
             raise TensionError(
                 f'displacement of {self.arm.tendon_names[number]} is {displacements[first]:.6g} '
                 f'm, expected less than there is to reel in: {length:.4g} m in the unloaded '
-                f'arm{more}'
+                f'arm{stretched}'
             )
 
     def displacements_by_offset(self, backbone: Backbone) -> FloatArray:
-        """Derivatives of `displacements` by tendons' distances from the midline, (tendons,) [-].
+        """Return derivatives of `displacements` by distances from the midline, (tendons,) [-].
 
-        By the unloaded lengths alone, and what these stretch by at given tensions: only of tendons
-        that wind about the midline.
+        They are by unloaded lengths and the stretch of these; only winding tendons have any.
         """
-        return self._statics.displacements_by_offset(self._own(backbone))
+        return self._statics.displacements_by_offset(self._equilibrium_of(backbone))
 
     def wind(
         self,
@@ -511,35 +506,40 @@ class Solver:
         tip_wrench: ArrayLike | None,
         start: Backbone | None,
     ) -> tuple[Backbone, FloatArray]:
-        """Shape with ``displacements`` (J,) [m] of the ``driven`` tendons, and those of all.
+        """Return the shape with ``displacements`` (J,) [m] of the ``driven`` tendons, and all.
 
-        With ``tensions`` (J,) [N] of the others. Tendons with friction slide from those in
+        The other tendons have ``tensions`` (J,) [N]. Tendons with friction slide from those in
         ``start``. Other arguments and errors are those of `solve`.
         """
-        checked, wrench = self._given(tensions.reshape(self.arm.tension_shape), tip_wrench)
-        known = None if start is None else self._own(start)
+        checked, wrench = self._checked_input(tensions.reshape(self.arm.tension_shape), tip_wrench)
+        start_equilibrium = None if start is None else self._equilibrium_of(start)
         history = None if start is None else start.point_tensions
         before = None if history is None else history.T
-        wanted = Condition(checked.ravel(), wrench, 1.0, before, displacements, driven)
-        shape, reeled = self._statics.wind(wanted, known, self._allowance.spending())
+        target = Condition(checked.ravel(), wrench, 1.0, before, displacements, driven)
+        shape, reeled = self._statics.wind(target, start_equilibrium, self._allowance.spending())
         pulled = shape.equilibrium.state.condition.tensions.reshape(self.arm.tension_shape)
         self._limits.check_tensions(pulled)
-        return self._of_one(pulled, wrench, shape), reeled
+        return self._single(pulled, wrench, shape), reeled
 
-    def _own(self, backbone: Backbone) -> Equilibrium:
-        """The equilibrium of a single solution of this solver.
+    def _equilibrium_of(self, backbone: Backbone) -> Equilibrium:
+        """Return the equilibrium of a single solution of this solver.
 
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
+<<<<<<< HEAD
         check_class('backbone', backbone, Backbone)
         found = backbone.equilibrium
         if found is None:
+=======
+        equilibrium = backbone.equilibrium
+        if equilibrium is None:
+>>>>>>> c57801f3 (Rod: docstrings say what a function returns or does, names say equilibrium, result, target and residual; one property a node function in the protocol of both forms)
             raise ConfigError('the backbone is that of a batch, expected a single solution')
         is_alike = backbone.model == self.model and backbone.s.size == self.grid.s.size
-        if not (is_alike and self._statics.has_solved(found)):
+        if not (is_alike and self._statics.has_solved(equilibrium)):
             raise ConfigError('the backbone was solved by another solver')
-        return found
+        return equilibrium
 
 
 def solve(
@@ -549,9 +549,13 @@ def solve(
     stations: int = DEFAULT_STATIONS,
     base: Pose = Pose(),
 ) -> Backbone:
+<<<<<<< HEAD
     """Shape of ``arm`` under ``tensions`` in one call; see `Solver`. Solvers are cached."""
     _check(arm, model, base)
     check_class('stations', stations, int, np.integer)
+=======
+    """Return the shape of ``arm`` under ``tensions`` in one call, by a `Solver` that is cached."""
+>>>>>>> c57801f3 (Rod: docstrings say what a function returns or does, names say equilibrium, result, target and residual; one property a node function in the protocol of both forms)
     return _cached_solver(arm, model, stations, base).solve(tensions)
 
 
@@ -564,5 +568,5 @@ def _check(arm: object, model: object, base: object) -> None:
 
 @functools.lru_cache(maxsize=16)
 def _cached_solver(arm: Arm, model: str, stations: int, base: Pose) -> Solver:
-    # For one shape machine code takes longer to load than it saves.
+    # For a single shape, loading machine code takes longer than it saves.
     return Solver(arm, model, stations, base, compiled=False)

@@ -1,7 +1,7 @@
-"""What every model of the statics gives, and the model exact.
+"""The interface of all models of the statics, and the model exact.
 
-Shapes at stations, lengths of tendons, derivatives; exact has no small-stretch approximation, but
-loads, friction, and a choice of laws.
+A model gives shapes at stations, lengths of tendons and derivatives. The model exact does not
+assume a small stretch, and has loads, friction and a choice of elastic laws.
 """
 
 import abc
@@ -29,24 +29,24 @@ from octo_arm_model.rod.tables import Places, allowed_between
 from octo_arm_model.rod.tendons import outward_paths
 from octo_arm_model.rod.winches import Winches
 
-AT_ONCE = 24  # arms, for which tables have room in the processor's cache
+AT_ONCE = 24  # arms in a batch, whose tables fit into the processor's cache
 _LEVELS_AT_ONCE = 3
 
 
 class Setup(NamedTuple):
-    """What a model is prepared for.
+    """The arm, stations and options that a model is prepared for.
 
     Attributes:
         arm: the arm.
         s: arc coordinates of the stations [m], (S,).
         section: section of each station, numbered from the tip, 0 beyond the last, (S,).
         base: position [m], (3,), and orientation, a quaternion w, x, y, z, (4,), of the base.
-        law: name of the elastic law; the paper's models are linear whatever it is.
+        law: name of the elastic law; the paper's models ignore it and are linear.
         shear: whether cross sections shear.
-        loads: what loads the arm but its tendons and the wrench on its tip.
-        allowance: what solves may take, where equilibria are followed.
-        compiled: whether numba compiles the node functions; None where it is installed.
-        accuracy: of positions, over the length [-].
+        loads: all loads but the tendons and the wrench on the tip.
+        allowance: budget of solves that follow equilibria.
+        compiled: whether numba compiles the node functions; None if it is installed and works.
+        accuracy: allowed error of positions over the length [-].
     """
 
     arm: Arm
@@ -62,14 +62,14 @@ class Setup(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """One arm at S stations.
+    """The shape of one arm at S stations.
 
     Attributes:
-        position: (S, 3) [m].
-        quaternion: orientation x, y, z, w, (S, 4).
+        position: positions, (S, 3) [m].
+        quaternion: orientations x, y, z, w, (S, 4).
         strains: tau, xi, k [1/m] and q [-], (4, S).
-        tensions: of J tendons with friction, (S, J) [N]; None without.
-        equilibrium: at the nodes.
+        tensions: tensions of J tendons with friction, (S, J) [N]; None without friction.
+        equilibrium: the equilibrium at the nodes.
     """
 
     position: FloatArray
@@ -80,15 +80,15 @@ class Shape(NamedTuple):
 
 
 class Shapes(NamedTuple):
-    """Several arms at S stations, see `Shape`.
+    """The shapes of A arms at S stations.
 
     Attributes:
-        position: (A, S, 3) [m].
-        quaternion: (A, S, 4).
-        strains: (4, A, S).
-        tensions: (A, S, J) [N]; None without friction.
-        residual: (A,).
-        iterations: (A,).
+        position: positions, (A, S, 3) [m].
+        quaternion: orientations x, y, z, w, (A, S, 4).
+        strains: tau, xi, k [1/m] and q [-], (4, A, S).
+        tensions: tensions of J tendons with friction, (A, S, J) [N]; None without friction.
+        residual: residuals of the equilibria [-], (A,).
+        iterations: numbers of iterations, (A,).
     """
 
     position: FloatArray
@@ -103,9 +103,9 @@ class Statics(abc.ABC):
     """A model of the arm's statics, prepared for a `Setup`.
 
     Attributes:
-        takes_loads: whether there may be loads besides the tendons.
+        takes_loads: whether the model has loads besides the tendons.
         law: name of the elastic law of the cross sections.
-        strains: how many strains a cross section has: 4, or 6 with shear.
+        strains: number of strains of a cross section: 4, or 6 with shear.
         is_compiled: whether numba has compiled the node functions.
     """
 
@@ -121,13 +121,13 @@ class Statics(abc.ABC):
 
     @abc.abstractmethod
     def problem(self, level: int) -> Problem:
-        """The nodes of a ``level``, always the same."""
+        """Return the equations on the nodes of a ``level``, always the same object."""
 
     @abc.abstractmethod
-    def solve(self, wanted: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
-        """In a condition that is ``wanted``, of tensions (J,) at the base.
+    def solve(self, target: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
+        """Find the shape in the condition ``target``, with tensions (J,) at the base.
 
-        ``start`` is an equilibrium to follow the arm from, if the model does.
+        The arm is followed from the equilibrium ``start``, if the model follows equilibria.
 
         Raises:
             SolveError: if there is no trustworthy answer.
@@ -140,7 +140,9 @@ class Statics(abc.ABC):
         start: Equilibrium | None,
         before: FloatArray | None,
     ) -> Shapes:
-        """As `solve`, of several ``tensions`` (A, J) and ``tip_wrenches`` (A, 6).
+        """Find the shapes under ``tensions`` (A, J) [N] and ``tip_wrenches`` (A, 6) [N, N m].
+
+        Arms are followed from ``start``; tendons slide from tensions ``before`` (M, J) [N].
 
         Raises:
             SolveError: if one has no trustworthy answer; the message says which.
@@ -157,45 +159,44 @@ class Statics(abc.ABC):
         arm = self._setup.arm
         is_simple = not (arm.friction or arm.sheath_stiffness or arm.discs.s)
         for first in range(0, arms, AT_ONCE):
-            left = np.arange(first, min(first + AT_ONCE, arms))
+            rest = np.arange(first, min(first + AT_ONCE, arms))
             for level in range(_LEVELS_AT_ONCE if is_simple else 0):
-                if left.size and not self._loaded(tip_wrenches[left]):
-                    left = left[~self._solve_at_once(level, tensions[left], left, shapes)]
-            for number in left.tolist():
+                if rest.size and not self._loaded(tip_wrenches[rest]):
+                    rest = rest[~self._solve_at_once(level, tensions[rest], rest, shapes)]
+            for number in rest.tolist():
                 spending = self._setup.allowance.spending()
-                wanted = Condition(tensions[number], tip_wrenches[number], before=before)
+                target = Condition(tensions[number], tip_wrenches[number], before=before)
                 try:
-                    one = self.solve(wanted, start, spending)
+                    shape = self.solve(target, start, spending)
                 except SolveError as error:
                     if arms > 1:
                         error.in_set(number)
                     raise
-                shapes.position[number], shapes.quaternion[number] = one[:2]
-                shapes.strains[:, number] = one.strains
+                shapes.position[number], shapes.quaternion[number] = shape[:2]
+                shapes.strains[:, number] = shape.strains
                 if shapes.tensions is not None:
-                    shapes.tensions[number] = one.tensions
-                shapes.residual[number] = one.equilibrium.state.residual
-                shapes.iterations[number] = one.equilibrium.iterations
+                    shapes.tensions[number] = shape.tensions
+                shapes.residual[number] = shape.equilibrium.state.residual
+                shapes.iterations[number] = shape.equilibrium.iterations
         return shapes
 
     def _loaded(self, tip_wrenches: FloatArray) -> bool:
-        """Whether anything but tendons loads arms with these ``tip_wrenches`` (A, 6)."""
+        """Whether loads besides tendons act on arms with these ``tip_wrenches`` (A, 6)."""
         return False
 
     @abc.abstractmethod
     def _solve_at_once(
         self, level: int, tensions: FloatArray, numbers: IntArray, shapes: Shapes
     ) -> NDArray[np.bool_]:
-        """Which arms could be solved at once on a ``level``, (A,), by their tendons alone.
+        """Solve arms under ``tensions`` (A, J) [N] alone, together, on a ``level``.
 
-        Under ``tensions`` (A, J); they are those of the ``numbers`` (A,) in ``shapes``. Others are
-        left as they are.
+        Write them to the ``numbers`` (A,) of ``shapes``, and return which are resolved, (A,).
         """
 
     def _write(
         self, batch: ArmBatch, z: FloatArray, places: Places, numbers: IntArray, shapes: Shapes
     ) -> NDArray[np.bool_]:
-        """Poses of arms of twists ``z`` (A n, m) into ``shapes``; which are resolved, (A,)."""
+        """Write the poses by twists ``z`` (A n, m) to ``shapes``; return which are resolved."""
         position, quaternion, error = batch.poses(z, places)
         position += self._setup.base[0]
         shapes.position[numbers], shapes.quaternion[numbers] = position, quaternion
@@ -203,73 +204,77 @@ class Statics(abc.ABC):
 
     @abc.abstractmethod
     def wind(
-        self, wanted: Condition, start: Equilibrium | None, spending: Spending
+        self, target: Condition, start: Equilibrium | None, spending: Spending
     ) -> tuple[Shape, FloatArray]:
-        """See `Winches.solve`: a shape, and what is reeled in there, (J,) [m]."""
+        """Find the shape in which winches hold the lengths of ``target``, and lengths reeled in.
+
+        These are (J,) [m]. A SolveError is raised if no tensions hold the lengths of ``target``.
+        """
 
     @abc.abstractmethod
-    def sensitivity(self, found: Equilibrium) -> Sensitivity:
-        """First derivatives of a solution, see `Solver.sensitivity`."""
+    def sensitivity(self, equilibrium: Equilibrium) -> Sensitivity:
+        """Return the first derivatives of a solution."""
 
-    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance (6, 6) of the tip of a solution, see `Solver.tip_covariance`."""
-        return self.sensitivity(found).tip_covariance(uncertainty)
+    def tip_covariance(self, equilibrium: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
+        """Return the covariance (6, 6) of position and rotation vector of the tip."""
+        return self.sensitivity(equilibrium).tip_covariance(uncertainty)
 
-    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
-        """Change of a solution per unit of each of ``loads``, if the model takes loads."""
+    def by_loads(self, equilibrium: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """Return the change of a solution per unit of each of ``loads``, if there may be loads."""
         raise NotImplementedError
 
-    def has_solved(self, found: Equilibrium) -> bool:
-        """Whether ``found`` may be a solution of this model, by its numbers."""
-        if not 0 <= found.level < len(LEVELS):
+    def has_solved(self, equilibrium: Equilibrium) -> bool:
+        """Whether ``equilibrium`` may be a solution of this model, by its level and its shape."""
+        if not 0 <= equilibrium.level < len(LEVELS):
             return False
-        return found.state.z.shape == (self.problem(found.level).elements.s.size, self.strains)
+        nodes = self.problem(equilibrium.level).elements.s.size
+        return equilibrium.state.z.shape == (nodes, self.strains)
 
-    def local_tensions(self, found: Equilibrium) -> FloatArray:
-        """Tension of every tendon of a solution at every node [N], (N, J)."""
-        return found.state.at_nodes.tensions * self.problem(found.level).tables.reach
+    def local_tensions(self, equilibrium: Equilibrium) -> FloatArray:
+        """Return the tension of every tendon at every node in a solution [N], (N, J)."""
+        return equilibrium.state.at_nodes.tensions * self.problem(equilibrium.level).tables.reach
 
-    def history(self, found: Equilibrium) -> FloatArray:
-        """Tensions (M, J) [N] that tendons with friction slide on from after a solution."""
-        return self.problem(found.level).history(found.state)
+    def history(self, equilibrium: Equilibrium) -> FloatArray:
+        """Return tensions (M, J) [N] from which tendons with friction slide after a solution."""
+        return self.problem(equilibrium.level).history(equilibrium.state)
 
-    def contacts(self, found: Equilibrium) -> Contacts:
-        """See `Solver.contacts`."""
-        problem = self.problem(found.level)
+    def contacts(self, equilibrium: Equilibrium) -> Contacts:
+        """Return the contacts with obstacles in a solution."""
+        problem = self.problem(equilibrium.level)
         if problem.contact is None:
             return NONE
-        problem.orient(found.state.z)
+        problem.orient(equilibrium.state.z)
         return problem.contact.report(problem.places())
 
     # Lengths of the tendons, from the base to their anchorages ---------------------------------
 
     @functools.cached_property
     def rest_lengths(self) -> FloatArray:
-        """In the unloaded arm [m], (J,)."""
+        """Lengths of the tendons in the unloaded arm [m], (J,)."""
         problem = self.problem(0)
         return np.asarray(problem.elements.weights @ problem.unloaded_tendons.stretch)
 
-    def tendon_lengths(self, found: Equilibrium) -> FloatArray:
-        """In a solution [m], (J,)."""
-        problem = self.problem(found.level)
-        return np.asarray(problem.elements.weights @ problem.tendons(found.state).stretch)
+    def tendon_lengths(self, equilibrium: Equilibrium) -> FloatArray:
+        """Return the lengths of the tendons in a solution [m], (J,)."""
+        problem = self.problem(equilibrium.level)
+        return np.asarray(problem.elements.weights @ problem.tendons(equilibrium.state).stretch)
 
-    def displacements(self, found: Equilibrium) -> FloatArray:
-        """What winches have reeled in in a solution [m], (J,)."""
-        return self._winches.displacements(found)
+    def displacements(self, equilibrium: Equilibrium) -> FloatArray:
+        """Return the lengths that winches have reeled in in a solution [m], (J,)."""
+        return self._winches.displacements(equilibrium)
 
-    def displacements_by_offset(self, found: Equilibrium) -> FloatArray:
-        """See `Solver.displacements_by_offset`."""
-        problem = self.problem(found.level)
+    def displacements_by_offset(self, equilibrium: Equilibrium) -> FloatArray:
+        """Return derivatives of displacements by the tendons' distances from the midline, (J,)."""
+        problem = self.problem(equilibrium.level)
         tables, weights = problem.tables, problem.elements.weights
         outwards = outward_paths(self._setup.arm, tables, problem.elements.s)
         rates = problem.unloaded_tendons.by_path(outwards).stretch
-        integrals = weights @ (rates * found.state.at_nodes.tensions)
+        integrals = weights @ (rates * equilibrium.state.at_nodes.tensions)
         return np.asarray(weights @ rates + self._setup.arm.stretched(integrals))
 
 
 def strains_of(z: FloatArray) -> FloatArray:
-    """Strains tau, xi, k and q, (4, ..., n), of twists ``z`` (..., n, m)."""
+    """Return strains tau, xi, k and q, (4, ..., n), of twists ``z`` (..., n, m)."""
     columns = z.transpose(-1, *range(z.ndim - 1))
     strains = np.empty((4, *z.shape[:-1]))
     np.divide(columns[:3], columns[3], out=strains[:3])
@@ -279,12 +284,12 @@ def strains_of(z: FloatArray) -> FloatArray:
 
 # The model exact ---------------------------------------------------------------------------------
 
-# Shapes whose factors are kept, and numbers in all of these: 128 MB.
+# The most shapes whose factors are kept, and the most numbers in these: 128 MB.
 _SHAPES_WITH_FACTORS, _NUMBERS = 32, 2**24
 
 
 class Exact(Statics):
-    """Equilibria of the rod, see `octo_arm_model.rod`.
+    """The model exact: equilibria of the rod without further approximation.
 
     Attributes:
         rod: the rod.
@@ -306,7 +311,7 @@ class Exact(Statics):
         loads = setup.loads.moved(-setup.base[0])
         self.rod = Rod(setup.arm, loads, setup.base[1], setting)
         self.is_compiled = self.rod.is_compiled
-        self.rod.problem(0)  # so that an arm that takes too many nodes is refused now
+        self.rod.problem(0)  # An arm that needs too many nodes is refused here.
         self._winches = Winches(self.rod)
         self._recent = RecentFactors(_SHAPES_WITH_FACTORS, _NUMBERS)
         self._readout = functools.cache(lambda level: self.rod.readout(level, setup.s))
@@ -316,83 +321,87 @@ class Exact(Statics):
         self._derivatives = functools.cache(lambda level: Derivatives(self.rod, level, setup.s))
 
     def problem(self, level: int) -> Problem:
-        """See `Statics`."""
+        """Return the equations of the rod on the nodes of a ``level``."""
         return self.rod.problem(level)
 
-    def solve(self, wanted: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
-        """See `Statics`."""
-        known = None if start is None else self._with_factors(start)
-        found = self.rod.solve(wanted, known, spending)
-        if known is not None and known.key and known.factors is None and found.factors is not None:
-            # The next set that is solved from this shape begins with these.
-            self._keep(known.key, found)
-        return self.shape(found)
+    def solve(self, target: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
+        """Find a stable equilibrium of the rod, starting with the factors of ``start``."""
+        restart = None if start is None else self._with_factors(start)
+        equilibrium = self.rod.solve(target, restart, spending)
+        if restart is not None and restart.key and restart.factors is None:
+            # The next solve that starts from this shape begins with these factors.
+            self._keep(restart.key, equilibrium)
+        return self.shape(equilibrium)
 
     def _loaded(self, tip_wrenches: FloatArray) -> bool:
-        """See `Statics`."""
+        """Whether loads act on the rod, or one of ``tip_wrenches`` (A, 6) is not zero."""
         return self.rod.is_loaded or bool(tip_wrenches.any())
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def _solve_at_once(
         self, level: int, tensions: FloatArray, numbers: IntArray, shapes: Shapes
     ) -> NDArray[np.bool_]:
-        """See `Statics`."""
+        """Balance every cross section by itself, and return which arms are resolved, (A,)."""
         batch, readout = self._batches(level, len(tensions)), self._readout(level)
         try:
-            z, left, steps = batch.balance(tensions)
+            z, residual, steps = batch.balance(tensions)
         except ConvergenceError:
             return np.zeros(len(tensions), np.bool_)
-        fine = self._write(batch, z, readout.places, numbers, shapes)
-        fine &= are_stretched(batch.tables, z, len(tensions))
+        is_resolved = self._write(batch, z, readout.places, numbers, shapes)
+        is_resolved &= are_stretched(batch.tables, z, len(tensions))
         z = readout.twists(z.reshape(len(tensions), -1, self.strains))
         shapes.strains[:, numbers] = strains_of(z)
-        shapes.residual[numbers], shapes.iterations[numbers] = left, steps
-        return fine
+        shapes.residual[numbers], shapes.iterations[numbers] = residual, steps
+        return is_resolved
 
     def wind(
-        self, wanted: Condition, start: Equilibrium | None, spending: Spending
+        self, target: Condition, start: Equilibrium | None, spending: Spending
     ) -> tuple[Shape, FloatArray]:
-        """See `Statics`."""
-        known = None if start is None else self._with_factors(start)
-        found = self._winches.solve(wanted, known, spending)
-        return self.shape(found), found.state.reeled
+        """Find the shape in which winches hold lengths, and the lengths (J,) [m] reeled in."""
+        restart = None if start is None else self._with_factors(start)
+        equilibrium = self._winches.solve(target, restart, spending)
+        return self.shape(equilibrium), equilibrium.state.reeled
 
-    def shape(self, found: Equilibrium) -> Shape:
-        """An equilibrium at the stations."""
-        reading = self._readout(found.level).read(found.state, found.fine)
-        position, quaternion, twist, along = reading
+    def shape(self, equilibrium: Equilibrium) -> Shape:
+        """Return the shape at the stations, and keep the factors of ``equilibrium``."""
+        reading = self._readout(equilibrium.level).read(equilibrium.state, equilibrium.fine)
+        position, quaternion, twist, tensions = reading
         position = position + self._setup.base[0]
-        if found.factors is not None:
+        if equilibrium.factors is not None:
             key = object()
-            self._keep(key, found)
-            found = found._replace(factors=None, key=key)
-        return Shape(position, quaternion, strains_of(twist), along, found)
+            self._keep(key, equilibrium)
+            equilibrium = equilibrium._replace(factors=None, key=key)
+        return Shape(position, quaternion, strains_of(twist), tensions, equilibrium)
 
-    def _keep(self, key: object, found: Equilibrium) -> None:
-        """Keep the factors of ``found`` for the shape of this ``key``."""
-        if found.factors is not None:
-            self._recent.add(key, found.factors, found.state.z.size)
+    def _keep(self, key: object, equilibrium: Equilibrium) -> None:
+        """Keep the factors of ``equilibrium`` for the shape with this ``key``."""
+        if equilibrium.factors is not None:
+            self._recent.add(key, equilibrium.factors, equilibrium.state.z.size)
 
-    def _with_factors(self, found: Equilibrium) -> Equilibrium:
-        """The equilibrium of a shape with its factors, while they are among the recent ones."""
-        return found if found.key is None else found._replace(factors=self._recent.find(found.key))
+    def _with_factors(self, equilibrium: Equilibrium) -> Equilibrium:
+        """Return ``equilibrium`` with its factors, if these are among the recent ones."""
+        return (
+            equilibrium
+            if equilibrium.key is None
+            else equilibrium._replace(factors=self._recent.find(equilibrium.key))
+        )
 
-    def _linearisation(self, found: Equilibrium) -> Derivatives:
-        """Derivatives about an equilibrium, whose factors the next solve begins with too."""
-        derivatives = self._derivatives(found.level)
-        factors = derivatives.linearisation(self._with_factors(found)).factors
-        if found.key is not None:
-            self._recent.add(found.key, factors, found.state.z.size)
+    def _linearisation(self, equilibrium: Equilibrium) -> Derivatives:
+        """Linearise about ``equilibrium``, and keep the factors for the next solve."""
+        derivatives = self._derivatives(equilibrium.level)
+        factors = derivatives.linearisation(self._with_factors(equilibrium)).factors
+        if equilibrium.key is not None:
+            self._recent.add(equilibrium.key, factors, equilibrium.state.z.size)
         return derivatives
 
-    def sensitivity(self, found: Equilibrium) -> Sensitivity:
-        """See `Statics`."""
-        return self._linearisation(found).sensitivity(found)
+    def sensitivity(self, equilibrium: Equilibrium) -> Sensitivity:
+        """Return first derivatives by the linearised equations of the rod."""
+        return self._linearisation(equilibrium).sensitivity(equilibrium)
 
-    def tip_covariance(self, found: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
-        """See `Statics`."""
-        return self._linearisation(found).tip_covariance(found, uncertainty)
+    def tip_covariance(self, equilibrium: Equilibrium, uncertainty: Uncertainty) -> FloatArray:
+        """Return the tip's covariance (6, 6), by the derivatives that are uncertain alone."""
+        return self._linearisation(equilibrium).tip_covariance(equilibrium, uncertainty)
 
-    def by_loads(self, found: Equilibrium, loads: Sequence[Loads]) -> Change:
-        """See `Statics`."""
-        return self._linearisation(found).by_loads(found, loads)
+    def by_loads(self, equilibrium: Equilibrium, loads: Sequence[Loads]) -> Change:
+        """Return the change of the shape per unit of each of dead ``loads``."""
+        return self._linearisation(equilibrium).by_loads(equilibrium, loads)

@@ -1,21 +1,21 @@
-"""Tendons that winches hold at a length: their tensions, found together with the shape.
+"""The equations of tendons that winches hold at a length: tensions and shape together.
 
-A winch that has reeled in D leaves its tendon of axial stiffness k [N] under T >= 0 with
+A winch has reeled in the length D of its tendon of axial stiffness k [N] and tension T >= 0 if
 
     D = L(unloaded) - L(z, T) + (integral of T over the unloaded length + T_base free length) / k
 
-or, where D is less than that at T = 0, slack. Newton's method is that of the bordered system
+and the tendon is slack if D is less than this at T = 0. Newton's method solves the bordered system
 
     [ J   C ] [dz]   [-residual ]      C_ij = d residual_i / dT_j
     [-G   K ] [dT] = [D - reeled]      G_j = dL_j / dz,  K_j = d reeled_j / dT_j at fixed z
 
-by elimination of dz: the derivative of what is reeled in by the tensions, with the arm in balance,
-is G J^-1 C + K, and which tendons are slack follows from it; see `complementary_step`. Friction is
-in J, C and K by the local tensions, which change with those at the base and with z.
+by elimination of dz. With the arm in balance, the derivative of the lengths reeled in by the
+tensions is G J^-1 C + K. `complementary_step` finds from it which tendons are slack. Friction is
+in J, C and K by the local tensions, which change with the tensions at the base and with z.
 
-Where a tendon with friction turns round, it slips next to its base first, so that it is reeled in
-by the square of what its tension changes by. But that is nearly in proportion to its mean tension:
-steps are those of mean tensions, from which those at the base follow by the law of friction.
+A tendon with friction that reverses slips next to its base first, so that the length reeled in
+changes by the square of the change of its tension. But it is nearly proportional to the mean
+tension. So steps are in mean tensions, and tensions at the base follow by the law of friction.
 """
 
 from __future__ import annotations
@@ -36,30 +36,30 @@ from octo_arm_model.rod.factors import BlockFactors, Linear
 from octo_arm_model.rod.friction import TensionDerivatives
 from octo_arm_model.rod.rod import Rod
 
-_LENGTHS = 10.0  # errors of displacements over the length of the arm count so many times
-_STIFFEST = 1e-6  # compliance of a held tendon over what the arm gives way, at least
-_STICKS = 1e-5  # part of a tendon that slips, below which all of it is taken to
-_MOST_PASSES, _SAME_RATES = 8, 0.05  # for rates over a step, and when they are these
-_LEAST_SECANT = 1e-9  # step that rates are taken over, over the largest tension
-_FARTHEST = 4.0  # tension that a step may end at, over those around it
-_ROUNDING = 1e-13  # of displacements, over the length
-_EXCHANGES = 40  # of tendons between slack and taut in one step, at most
-_UNSURE = 1e-4  # error of a step over the largest error before it
+_LENGTH_WEIGHT = 10.0  # weight in the residual of errors of displacements over the length
+_STIFFEST = 1e-6  # least compliance of a held tendon, over that with the arm
+_STICKING = 1e-5  # part of a tendon that slips, below which it counts as sticking
+_MOST_PASSES, _SAME_RATES = 8, 0.05  # passes to find rates over a step, and their tolerance
+_LEAST_SECANT = 1e-9  # least change of a tension for a secant, over the largest tension
+_FARTHEST = 4.0  # largest tension after a step, over those before and by Newton's method
+_ROUNDING = 1e-13  # rounding error of displacements, over the length
+_EXCHANGES = 40  # most exchanges of tendons between slack and taut in one step
+_UNCERTAIN = 1e-4  # error of a step over the largest error before it
 
 
 class BorderedSystem(NamedTuple):
-    """A linearised arm with its winches; solves as its `Factors`, of tensions that are held.
+    """The linearised equations of an arm with its winches.
 
     Attributes:
-        z: twists that it is about, or nearby, (N, m).
-        factors: of the Jacobian.
-        by_tension: J^-1 C, what the twists give way by the tensions, (N m, J).
+        z: twists that they are linearised about, or nearby, (N, m).
+        factors: factors of the Jacobian.
+        by_tension: J^-1 C, minus the change of the twists by the tensions, (N m, J).
         lengths: G, (J, N m).
-        changes: derivative of what is reeled in by the tensions, (J, J) [m/N].
+        changes: derivative of lengths reeled in by the tensions, (J, J) [m/N].
         rates: derivative of local tensions by those at the base at fixed twists, (N, J).
-        by_local: derivative of what is reeled in by local tensions at fixed twists, (N, J) [m/N].
-        local: derivatives of local tensions with friction; None where they do not change.
-        contradiction: error that lengths which contradict each other leave, the largest [m].
+        by_local: derivative of lengths reeled in by local tensions, twists fixed, (N, J) [m/N].
+        local: derivatives of local tensions with friction; None if they do not change.
+        contradiction: largest error of lengths that contradict each other [m].
     """
 
     z: FloatArray
@@ -73,16 +73,16 @@ class BorderedSystem(NamedTuple):
     contradiction: float = 0.0
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """See `Factors.solve`."""
+        """Return the solution (n,) or (n, k) for the sides ``right``, at fixed tensions."""
         return self.factors.solve(right)
 
     def reeled_in(self, twists: FloatArray) -> FloatArray:
-        """By a change of the ``twists`` (N m, k), (J, k) [m]."""
-        found = -self.lengths @ twists
+        """Return the lengths reeled in (J, k) [m] by a change of the ``twists`` (N m, k)."""
+        reeled = -self.lengths @ twists
         if self.local is not None:
             local = self.local.by_twists(twists.reshape(len(self.by_local), -1, twists.shape[1]))
-            found += np.einsum('ij,ijk->jk', self.by_local, local)
-        return found
+            reeled += np.einsum('ij,ijk->jk', self.by_local, local)
+        return reeled
 
 
 class WinchEquations:
@@ -90,14 +90,15 @@ class WinchEquations:
 
     Attributes:
         problem: the equations of the arm alone.
-        others: loads of other kinds.
-        measure: see `Problem`; tensions do not count.
+        others: loads that are not dead ones.
+        turn: the rotation of the arm by a change of the twists, as in ``problem``.
+        measure: weights of the squares of a step; zero for tensions, (N m + J,).
     """
 
-    remembered = 4  # where tendons turn round residuals do not fall at every step
+    remembered = 4  # Where tendons reverse, the residual does not fall at every step.
 
     def __init__(self, problem: Problem, arm: Arm) -> None:
-        """Of ``arm`` at the nodes of ``problem``."""
+        """Add the winches of ``arm`` to the equations ``problem`` of the arm."""
         self.problem, self._arm = problem, arm
         self.others, self.turn = self.problem.others, self.problem.turn
         self._weights = self.problem.elements.weights
@@ -110,7 +111,7 @@ class WinchEquations:
         self._tolerance = Tolerance.of(arm.length, problem.friction is not None)
 
     def displacement(self, state: State) -> FloatArray:
-        """What winches have reeled in in a ``state`` [m], (J,); of slack ones what makes taut."""
+        """Return the lengths reeled in, or that would make slack tendons taut [m], (J,)."""
         at_nodes, lengths = state.at_nodes, self._weights @ self.problem.tendons(state).stretch
         reeled = self._unloaded - lengths
         if self._arm.axial_stiffness:
@@ -119,31 +120,29 @@ class WinchEquations:
         return np.asarray(reeled)
 
     def evaluate(self, condition: Condition, z: FloatArray, contradiction: float = 0.0) -> State:
-        """The state of twists ``z`` (N, m) and the tensions of ``condition``.
+        """Return the state of twists ``z`` (N, m) and the tensions of ``condition``.
 
-        Its residual is also that of lengths, less the ``contradiction`` of them [m].
+        Its residual includes that of the lengths, less their ``contradiction`` [m].
         """
         state = self.balance(condition, z)
         reeled = self.displacement(state)
         wrong = np.where(condition.driven, condition.lengths - reeled, 0.0)
         counts = (condition.tensions > 0.0) | (wrong > 0.0)
-        left = float(np.abs(wrong * counts).max(initial=0.0)) - contradiction
-        residual = max(state.residual, _LENGTHS * left / self._arm.length)
+        error = float(np.abs(wrong * counts).max(initial=0.0)) - contradiction
+        residual = max(state.residual, _LENGTH_WEIGHT * error / self._arm.length)
         return state._replace(reeled=reeled, wrong=wrong, residual=residual)
 
     def balance(self, condition: Condition, z: FloatArray) -> State:
-        """The state of the arm alone."""
+        """Return the state of the arm without the equations of the lengths."""
         return self.problem.evaluate(self.problem.at_nodes(condition), z)
 
     def linearise(
         self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
     ) -> BorderedSystem:
-        """The system linearised at ``state``, or nearby where its ``factors`` are known.
-
-        With `BorderedSystem.rates` other than those at ``state``, if given.
+        """Linearise at ``state``, by ``factors`` from nearby and `BorderedSystem.rates` if given.
 
         Raises:
-            ConvergenceError: if it is singular.
+            ConvergenceError: if the system is singular.
         """
         problem, weights = self.problem, self._weights
         rates = self.rates(state) if rates is None else rates
@@ -155,7 +154,7 @@ class WinchEquations:
         columns = (pull * rates[:, np.newaxis]).reshape(-1, rates.shape[1])
         by_tension = factors.solve(columns)
         lengths = (pull * weights[:, np.newaxis, np.newaxis]).reshape(columns.shape).T
-        # What is reeled in by the local tensions, at fixed twists.
+        # The lengths reeled in by local tensions at fixed twists.
         by_local = self._by_local - weights[:, np.newaxis] * tendons.stretch_by_tension
         local = problem.tension_derivatives(state)
         system = BorderedSystem(
@@ -176,7 +175,7 @@ class WinchEquations:
         return BlockFactors.of(problem.work.hessian)
 
     def rates(self, state: State) -> FloatArray:
-        """See `BorderedSystem.rates`; of a tendon that sticks those that it has once it slips."""
+        """Return `BorderedSystem.rates`; for a tendon that sticks, those once it slips."""
         rates, condition = self.problem.tension_rates(state), state.condition
         if condition.before is None or not condition.tensions.any():
             return rates
@@ -186,18 +185,18 @@ class WinchEquations:
 
     def _sticks(self, rates: FloatArray) -> NDArray[np.bool_]:
         """Whether tendons whose local tensions change by ``rates`` (N, J) stick, (J,)."""
-        return np.asarray(self._weights @ rates < _STICKS * self._unloaded)
+        return np.asarray(self._weights @ rates < _STICKING * self._unloaded)
 
     def step(self, state: State, system: Linear) -> tuple[FloatArray, BorderedSystem]:
-        """Newton's step of twists and tensions, (N m + J,), by a `BorderedSystem`.
+        """Return Newton's step of twists and tensions, (N m + J,), and its linear system.
 
-        And the ``system`` of local tensions that change as they do over this step.
+        The system has the rates of local tensions over this step.
         """
         condition = state.condition
         assert isinstance(system, BorderedSystem)
-        own = system.solve(-state.imbalance.ravel())
-        lacks = state.wrong - system.reeled_in(own[:, np.newaxis])[:, 0]
-        wrong = np.where(condition.driven, lacks, 0.0)
+        at_fixed_tensions = system.solve(-state.imbalance.ravel())
+        missing = state.wrong - system.reeled_in(at_fixed_tensions[:, np.newaxis])[:, 0]
+        wrong = np.where(condition.driven, missing, 0.0)
         for passes in range(_MOST_PASSES):
             step, contradiction = complementary_step(
                 system.changes, wrong, condition.tensions, condition.driven, self._tolerance
@@ -205,88 +204,90 @@ class WinchEquations:
             rates = self._secants(state, system, step)
             if np.abs(rates - system.rates).max() <= _SAME_RATES:
                 break
-            if passes > 1:  # between tendons that make each other turn round
+            if passes > 1:  # tendons make each other reverse
                 rates = 0.5 * (rates + system.rates)
             system = self.linearise(state, system.factors, rates)
-        # Of tendons that stick there is none.
-        step[self._pulled(state, system, step) == condition.tensions] = 0.0
+        # The tension of a tendon that sticks does not change.
+        step[self._tensions_after(state, system, step) == condition.tensions] = 0.0
         system = system._replace(contradiction=min(contradiction, self._tolerance.contradiction))
-        return np.append(own - system.by_tension @ step, step), system
+        return np.append(at_fixed_tensions - system.by_tension @ step, step), system
 
     def moved(self, state: State, step: FloatArray, system: Linear) -> State:
-        """The ``state`` after a `step`."""
+        """Return the ``state`` after a ``step`` (N m + J,) of twists and tensions."""
         assert isinstance(system, BorderedSystem)
         condition, size = state.condition, state.z.size
-        condition = condition._replace(tensions=self._pulled(state, system, step[size:]))
+        condition = condition._replace(tensions=self._tensions_after(state, system, step[size:]))
         return self.evaluate(
             condition, state.z + step[:size].reshape(state.z.shape), system.contradiction
         )
 
     def _secants(self, state: State, system: BorderedSystem, step: FloatArray) -> FloatArray:
-        """Mean of `BorderedSystem.rates` over a ``step`` (J,) of tensions with a history."""
+        """Return the mean rates of local tensions over a ``step`` (J,) of tensions."""
         friction, condition = self.problem.friction, state.condition
         tensions, before = condition.tensions, condition.before
         if friction is None or before is None:
             return system.rates
-        change = self._pulled(state, system, step) - tensions
-        angle, least = self.problem.local_tensions(state).angle, float(tensions.max())
+        change = self._tensions_after(state, system, step) - tensions
+        angle, largest = self.problem.local_tensions(state).angle, float(tensions.max())
         local = friction.hold(tensions + change, before, angle).tensions
-        change[np.abs(change) <= _LEAST_SECANT * least] = np.nan
-        found = (local - state.at_nodes.tensions) / change
-        is_known = np.isfinite(change) & ~self._sticks(found)
-        return np.where(is_known, found, system.rates)
+        change[np.abs(change) <= _LEAST_SECANT * largest] = np.nan
+        secants = (local - state.at_nodes.tensions) / change
+        is_defined = np.isfinite(change) & ~self._sticks(secants)
+        return np.where(is_defined, secants, system.rates)
 
-    def _pulled(self, state: State, system: BorderedSystem, step: FloatArray) -> FloatArray:
-        """Tensions (J,) [N] after a ``step`` (J,), of tendons with a history one of their mean."""
+    def _tensions_after(
+        self, state: State, system: BorderedSystem, step: FloatArray
+    ) -> FloatArray:
+        """Return the tensions (J,) [N] after a ``step`` (J,), in mean tensions with a history."""
         friction, condition = self.problem.friction, state.condition
         tensions, before = condition.tensions, condition.before
         new = np.maximum(tensions + step, 0.0)
         if friction is None or before is None:
             return new
-        # What a tendon reels in by its own local tensions, per newton of their mean, and besides.
-        give = system.changes.diagonal()
-        per_mean = (give - self._free) / (self._weights @ system.rates)
-        wanted = np.abs(give * step) - _ROUNDING * self._arm.length
-        more = np.sign(step) * np.maximum(wanted, 0.0) / per_mean
-        angle, most = self.problem.local_tensions(state).angle, np.maximum(tensions, new)
-        far = friction.pulled(tensions, before, angle, more, self._free / per_mean)
-        far = np.minimum(far, _FARTHEST * most)
-        return np.where((step == 0.0) | (new == 0.0) | ~(per_mean > 0.0), new, far)
+        # The length that a tendon reels in per newton of its mean tension.
+        compliance = system.changes.diagonal()
+        per_mean = (compliance - self._free) / (self._weights @ system.rates)
+        increase = np.abs(compliance * step) - _ROUNDING * self._arm.length
+        more = np.sign(step) * np.maximum(increase, 0.0) / per_mean
+        angle, larger = self.problem.local_tensions(state).angle, np.maximum(tensions, new)
+        by_mean = friction.pulled(tensions, before, angle, more, self._free / per_mean)
+        by_mean = np.minimum(by_mean, _FARTHEST * larger)
+        return np.where((step == 0.0) | (new == 0.0) | ~(per_mean > 0.0), new, by_mean)
 
     def is_held(self, state: State, system: BorderedSystem) -> bool:
         """Whether the balance ``state``, with its ``system``, is stable while lengths are held.
 
-        The energy then has that of the lengths of taut tendons, as stiff ones, besides.
+        The energy then includes stiff springs for the lengths of taut tendons.
         """
         self.problem.fill_jacobian(state)
         variation, condition = self.problem.variation(), state.condition
         taut = condition.driven & (condition.tensions > 0.0)
-        give = system.changes.diagonal()
-        own = give - np.einsum('jn,nj->j', system.lengths, system.by_tension)
-        soft = np.maximum(own, _STIFFEST * np.abs(give))[taut]
-        variation.add(system.lengths[taut] / np.sqrt(soft)[:, np.newaxis])
+        compliance = system.changes.diagonal()
+        held_compliance = compliance - np.einsum('jn,nj->j', system.lengths, system.by_tension)
+        least_compliance = np.maximum(held_compliance, _STIFFEST * np.abs(compliance))[taut]
+        variation.add(system.lengths[taut] / np.sqrt(least_compliance)[:, np.newaxis])
         return variation.stability().is_stable
 
 
 class RodWinchEquations(WinchEquations):
-    """Of a `Rod`."""
+    """The equations of a `Rod` and its winches on one level of nodes."""
 
     def __init__(self, rod: Rod, level: int, problem: Problem | None = None) -> None:
-        """Of ``rod`` on a ``level``, or by a model of its arm with a ``problem`` of its own."""
+        """Take the equations of ``rod`` on a ``level``, or the ``problem`` of another model."""
         super().__init__(problem or rod.problem(level), rod.arm)
         self._rod, self._level = rod, level
 
     def unloaded(self, condition: Condition) -> State:
-        """Of the arm under tensions alone, to begin with; a `SolveError` if there is none."""
+        """Return the state under tensions alone; raise SolveError if there is no balance."""
         return self.balance(condition, self._rod.unloaded(self.problem, condition)[0])
 
     def is_resolved(self, state: State) -> bool:
-        """See `Rod.is_resolved`."""
+        """Whether ``state`` is as accurate as the rod requires; SolveError on the last level."""
         return self._rod.is_resolved(self.problem, state, self._level)
 
     @functools.cached_property
     def slack(self) -> tuple[State, BorderedSystem]:
-        """Of the arm without loads whose tendons are all slack."""
+        """The state of the arm without loads and tensions, and its linear system."""
         state = self.unloaded(Condition(np.zeros_like(self._unloaded), np.zeros(6), 0.0))
         return state, self.linearise(state)
 
@@ -295,15 +296,15 @@ class RodWinchEquations(WinchEquations):
 
 
 class Tolerance(NamedTuple):
-    """What displacements do not tell of tensions.
+    """The tolerances of lengths that do not determine tensions.
 
     Attributes:
-        singular: pivot over the largest, below which tensions are not determined: of tendons
-            that lengths do not tell apart, or that friction alone does.
+        singular: pivot over the largest, below which lengths do not determine tensions, because
+            they do not distinguish tendons, or do so by friction alone.
         slack: error of the displacement up to which a slack tendon stays slack [m]. With less,
             antagonistic tendons would alternate between slack and taut.
-        contradiction: by how much lengths may contradict each other [m]; where they do by more,
-            the tendon of least tension becomes slack.
+        contradiction: error up to which lengths may contradict each other [m]. Beyond it the
+            tendon of least tension becomes slack.
     """
 
     singular: float
@@ -312,7 +313,7 @@ class Tolerance(NamedTuple):
 
     @classmethod
     def of(cls, length: float, has_friction: bool) -> Tolerance:
-        """Of an arm of a ``length`` [m]."""
+        """Return the tolerances for an arm of a ``length`` [m]."""
         if has_friction:
             return cls(1e-5, 1e-10 * length, 1e-6 * length)
         return cls(1e-10, 1e-10 * length, 1e-10 * length)
@@ -325,21 +326,21 @@ def complementary_step(
     driven: NDArray[np.bool_],
     tolerance: Tolerance,
 ) -> tuple[FloatArray, float]:
-    """Step (J,) of ``tensions`` [N] that takes out what is ``wrong`` (J,) [m].
+    """Return the step (J,) of ``tensions`` [N] that removes the errors ``wrong`` (J,) [m].
 
-    By the derivatives ``changes`` (J, J) [m/N] of what is reeled in; nothing is wrong where a
-    tendon is not ``driven``. A linear complementarity problem: every ``driven`` tendon is taut,
-    its error zero, or slack, its tension zero and its error at most as the ``tolerance`` says. By
-    principal pivoting the tendon that violates this most is exchanged until none does. Where
-    errors do not determine the tensions of taut tendons the least change is taken.
+    ``changes`` (J, J) [m/N] are the derivatives of the lengths reeled in; the error of a tendon
+    that is not ``driven`` is zero. This is a linear complementarity problem: every driven tendon
+    is either taut with zero error, or slack with zero tension and an error within ``tolerance``.
+    Principal pivoting exchanges the tendon that violates this most until none does. If errors do
+    not determine the tensions of taut tendons, the step is the least one.
 
     Returns:
-        The step, and the largest error that lengths which contradict each other leave [m].
+        The step, and the largest error of lengths that contradict each other [m].
     """
     taut = driven & (tensions > 0.0)
-    left = max(float(wrong.max()), -float((wrong * taut).min()), 0.0)
-    unsure = _UNSURE * left
-    stays_slack = max(tolerance.slack, unsure)
+    largest_error = max(float(wrong.max()), -float((wrong * taut).min()), 0.0)
+    uncertain = _UNCERTAIN * largest_error
+    stays_slack = max(tolerance.slack, uncertain)
     if not taut.any():
         taut = driven & (wrong > stays_slack)
     size = np.abs(changes.diagonal())
@@ -349,17 +350,17 @@ def complementary_step(
         (index,) = taut.nonzero()
         if index.size:
             scale = 1.0 / np.sqrt(size[index])
-            part, own = changes[index[:, np.newaxis], index], right[index]
+            part, index_error = changes[index[:, np.newaxis], index], right[index]
             scaled = part * scale * scale[:, np.newaxis]
             factors, pivots, _ = dgetrf(scaled)
             pivot = np.abs(factors.diagonal())
             if pivot.min() > tolerance.singular * pivot.max():
-                step[index] = scale * dgetrs(factors, pivots, scale * own)[0]
+                step[index] = scale * dgetrs(factors, pivots, scale * index_error)[0]
             else:
-                least = np.linalg.lstsq(scaled, scale * own, rcond=tolerance.singular)[0]
+                least = np.linalg.lstsq(scaled, scale * index_error, rcond=tolerance.singular)[0]
                 step[index] = scale * least
-                contradiction = float(np.abs(part @ step[index] - own).max())
-                if contradiction > max(tolerance.contradiction, unsure):
+                contradiction = float(np.abs(part @ step[index] - index_error).max())
+                if contradiction > max(tolerance.contradiction, uncertain):
                     taut[index[tensions[index].argmin()]] = False
                     continue
         new = tensions + step
@@ -368,15 +369,15 @@ def complementary_step(
         if not excess[worst] > 0.0:
             return step, contradiction
         taut[worst] = not taut[worst]
-    return _least(changes, wrong, tensions, driven), 0.0
+    return _quadratic_step(changes, wrong, tensions, driven), 0.0
 
 
-def _least(
+def _quadratic_step(
     changes: FloatArray, wrong: FloatArray, tensions: FloatArray, driven: NDArray[np.bool_]
 ) -> FloatArray:
-    """The same by the quadratic programme of which it is the condition, of a symmetric part.
+    """Return the `complementary_step` by a quadratic programme, with symmetric derivatives C.
 
-    Least (T' - T) C (T' - T) / 2 - wrong (T' - T) over T' >= 0, for C = U^T U.
+    It minimises (T' - T) C (T' - T) / 2 - wrong (T' - T) over T' >= 0, where C = U^T U.
     """
     (index,) = driven.nonzero()
     part = changes[np.ix_(index, index)]
