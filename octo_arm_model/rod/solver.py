@@ -527,14 +527,9 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-<<<<<<< HEAD
         check_class('backbone', backbone, Backbone)
-        found = backbone.equilibrium
-        if found is None:
-=======
         equilibrium = backbone.equilibrium
         if equilibrium is None:
->>>>>>> c57801f3 (Rod: docstrings say what a function returns or does, names say equilibrium, result, target and residual; one property a node function in the protocol of both forms)
             raise ConfigError('the backbone is that of a batch, expected a single solution')
         is_alike = backbone.model == self.model and backbone.s.size == self.grid.s.size
         if not (is_alike and self._statics.has_solved(equilibrium)):
@@ -549,13 +544,9 @@ def solve(
     stations: int = DEFAULT_STATIONS,
     base: Pose = Pose(),
 ) -> Backbone:
-<<<<<<< HEAD
-    """Shape of ``arm`` under ``tensions`` in one call; see `Solver`. Solvers are cached."""
+    """Return the shape of ``arm`` under ``tensions`` in one call, by a `Solver` that is cached."""
     _check(arm, model, base)
     check_class('stations', stations, int, np.integer)
-=======
-    """Return the shape of ``arm`` under ``tensions`` in one call, by a `Solver` that is cached."""
->>>>>>> c57801f3 (Rod: docstrings say what a function returns or does, names say equilibrium, result, target and residual; one property a node function in the protocol of both forms)
     return _cached_solver(arm, model, stations, base).solve(tensions)
 
 

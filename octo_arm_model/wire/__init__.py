@@ -1,1 +1,1 @@
-"""Messages as bytes, as tensions and as measurements."""
+"""Messages of backbones and estimates as bytes, and the reading of tensions and measurements."""

@@ -1,4 +1,4 @@
-"""The messages of a backbone as bytes, written and read without objects."""
+"""The messages of a backbone, written and read as bytes without message objects."""
 
 import struct
 from collections.abc import Iterator, Sequence
@@ -10,10 +10,10 @@ from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire import cdr
 
-# Of tendons; the second only where some are driven by length.
+# Topics of tendons; the second is written only if some are driven by length.
 TENDON_LENGTHS, TENSION_ESTIMATES = 'tendon_lengths', 'tendon_tension_estimates'
-TIP_POSE = 'tip_pose'  # whose covariance may be unknown
-# Topics on which a backbone is published, and their types.
+TIP_POSE = 'tip_pose'  # left out if its covariance is unknown
+# Topics on which a backbone is published, with their types.
 BACKBONE_TOPICS: dict[str, str] = {
     'backbone/path': 'nav_msgs/msg/Path',
     'backbone/poses': 'geometry_msgs/msg/PoseArray',
@@ -25,8 +25,8 @@ BACKBONE_TOPICS: dict[str, str] = {
 class BackboneWriter:
     """Writes the messages of single solutions of one arm, for one thread at a time.
 
-    The bytes stay as they are when the next are written. Every method raises ConfigError if a ROS
-    stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
+    The bytes returned do not change when the next message is written. Every method raises
+    ConfigError if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class BackboneWriter:
         """Lay out the messages of `Backbone` with this ``model``, ``s`` [m] and ``section``.
 
         Raises:
-            ConfigError: if a name is not one that UTF-8 can hold.
+            ConfigError: if UTF-8 cannot hold a name.
         """
         frame = cdr.text_field('frame_id', frame_id)
         self._poses = cdr.Template(pose_array(frame, s.size))
@@ -54,36 +54,36 @@ class BackboneWriter:
             strains.sequence(s.size)
         self._strains = cdr.Template(strains)
         self._tip = cdr.Template(pose_with_covariance(frame))
-        lengths = tendon_tensions(frame, tendon_names)  # but that the numbers are positions
+        lengths = tendon_tensions(frame, tendon_names)  # with positions in place of tensions
         lengths.count(0)  # no velocities
         lengths.sequence(len(tendon_names))
         self._lengths = cdr.Template(lengths)
         self._tensions = cdr.Template(tendon_tensions(frame, tendon_names))
 
     def poses(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
-        """Message geometry_msgs/PoseArray."""
+        """Return a geometry_msgs/PoseArray of the stations."""
         return self._poses.write(sec, nanosec, backbone.position, backbone.quaternion)
 
     def path(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
-        """Message nav_msgs/Path, every pose with the same header."""
+        """Return a nav_msgs/Path of the stations; every pose has the same header."""
         return self._path.write(sec, nanosec, backbone.position, backbone.quaternion)
 
     def strains(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
-        """Message octo_arm_msgs/SectionStrains."""
-        new = backbone.tau, backbone.xi, backbone.k, backbone.q
-        return self._strains.write(sec, nanosec, *new)
+        """Return an octo_arm_msgs/SectionStrains of the stations."""
+        values = backbone.tau, backbone.xi, backbone.k, backbone.q
+        return self._strains.write(sec, nanosec, *values)
 
     def tip_pose(
         self, backbone: Backbone, covariance: FloatArray, sec: int, nanosec: int
     ) -> bytes:
-        """Message geometry_msgs/PoseWithCovarianceStamped of the tip, ``covariance`` (6, 6)."""
-        new = backbone.position[-1:], backbone.quaternion[-1:], covariance
-        return self._tip.write(sec, nanosec, *new)
+        """Return a geometry_msgs/PoseWithCovarianceStamped of the tip, ``covariance`` (6, 6)."""
+        values = backbone.position[-1:], backbone.quaternion[-1:], covariance
+        return self._tip.write(sec, nanosec, *values)
 
     def all(
         self, backbone: Backbone, covariance: FloatArray, sec: int, nanosec: int
     ) -> Iterator[bytes]:
-        """Messages on `BACKBONE_TOPICS` in their order, each written when it is iterated to."""
+        """Iterate over the messages on `BACKBONE_TOPICS`; each is written when it is reached."""
         yield self.path(backbone, sec, nanosec)
         yield self.poses(backbone, sec, nanosec)
         yield self.strains(backbone, sec, nanosec)
@@ -92,16 +92,16 @@ class BackboneWriter:
     def tendon_lengths(
         self, lengths: FloatArray, tensions: FloatArray, sec: int, nanosec: int
     ) -> bytes:
-        """Message sensor_msgs/JointState: lengths [m] as position, tensions [N] as effort."""
+        """Return a sensor_msgs/JointState: lengths [m] are positions, tensions [N] are efforts."""
         return self._lengths.write(sec, nanosec, lengths.ravel(), tensions.ravel())
 
     def tensions(self, tensions: FloatArray, sec: int, nanosec: int) -> bytes:
-        """Message octo_arm_msgs/TendonTensions of the ``tensions`` of all tendons [N]."""
+        """Return an octo_arm_msgs/TendonTensions of the ``tensions`` of all tendons [N]."""
         return self._tensions.write(sec, nanosec, tensions.ravel())
 
 
 def pose_array(frame: bytes, stations: int) -> cdr.Layout:
-    """Layout of a geometry_msgs/PoseArray."""
+    """Return the layout of a geometry_msgs/PoseArray."""
     layout = cdr.Layout(frame)
     layout.count(stations)
     layout.poses(stations)
@@ -109,7 +109,7 @@ def pose_array(frame: bytes, stations: int) -> cdr.Layout:
 
 
 def path(frame: bytes, stations: int) -> cdr.Layout:
-    """Layout of a nav_msgs/Path, every pose with the header of the whole."""
+    """Return the layout of a nav_msgs/Path, in which every pose has the header of the path."""
     layout = cdr.Layout(frame)
     layout.count(stations)
     layout.poses(stations, frame)
@@ -117,7 +117,7 @@ def path(frame: bytes, stations: int) -> cdr.Layout:
 
 
 def pose_with_covariance(frame: bytes) -> cdr.Layout:
-    """Layout of a geometry_msgs/PoseWithCovarianceStamped."""
+    """Return the layout of a geometry_msgs/PoseWithCovarianceStamped."""
     layout = cdr.Layout(frame)
     layout.poses(1)
     layout.numbers(6, 6)
@@ -125,7 +125,7 @@ def pose_with_covariance(frame: bytes) -> cdr.Layout:
 
 
 def tendon_tensions(frame: bytes, names: Sequence[str]) -> cdr.Layout:
-    """Layout of an octo_arm_msgs/TendonTensions of the tendons ``names``."""
+    """Return the layout of an octo_arm_msgs/TendonTensions of the tendons ``names``."""
     layout = cdr.Layout(frame)
     layout.count(len(names))
     layout.constants(*(cdr.text_field('tendon name', name) for name in names))
@@ -134,12 +134,12 @@ def tendon_tensions(frame: bytes, names: Sequence[str]) -> cdr.Layout:
 
 
 def read_poses(data: bytes) -> tuple[float, FloatArray]:
-    """Stamp [s] and poses (poses, 7) of a serialised geometry_msgs/PoseArray.
+    """Return the stamp [s] and the poses (poses, 7) of a serialised geometry_msgs/PoseArray.
 
-    Ten times faster than deserialising every pose into an object.
+    This is ten times faster than deserialising every pose into an object.
 
     Raises:
-        MessageError: if ``data`` is none.
+        MessageError: if ``data`` is not a PoseArray.
     """
     try:
         order, start = '<' if data[1] else '>', len(cdr.ENCAPSULATION)
@@ -154,17 +154,17 @@ def read_poses(data: bytes) -> tuple[float, FloatArray]:
 
 
 TENSION_PROFILES = 'tendon_tension_profiles'
-PREFIX = 'tension_'  # of the field of a tendon, so that none is called as a coordinate
-_FLOAT32, _FLOAT64 = 7, 8  # of sensor_msgs/PointField
-# A point in memory: x, y and z of 4 bytes, 4 that pad, then s and the tensions of 8.
+PREFIX = 'tension_'  # begins the field of a tendon, so that its name cannot be x, y, z or s
+_FLOAT32, _FLOAT64 = 7, 8  # constants of sensor_msgs/PointField
+# A point in memory: x, y, z of 4 bytes, 4 bytes of padding, then s and the tensions of 8 bytes.
 _AXES, _S, _TENDONS = 3, 2, 3
 
 
 class TensionProfilesWriter:
-    """Writes the tensions of all tendons at all stations of one arm, point by point.
+    """Writes the tensions of all tendons at all stations of one arm as a PointCloud2.
 
-    A point has x, y, z [m] in single precision, as RViz reads them, s [m], and for each tendon
-    ``tension_`` and its name [N].
+    A point has the fields x, y, z [m] in single precision, as RViz reads them, s [m], and for each
+    tendon ``tension_`` followed by its name [N].
     """
 
     def __init__(self, frame_id: str, s: FloatArray, tendon_names: Sequence[str]) -> None:
@@ -188,16 +188,16 @@ class TensionProfilesWriter:
             layout.constants(cdr.text_field('tendon name', name))
             layout.count(offset)
             layout.constants(np.array([kind], '<u1'))
-            layout.count(1)  # numbers of this name
+            layout.count(1)  # one number in this field
         layout.constants(np.array([0], '<u1'))  # is_bigendian
         layout.count(points.strides[0])  # bytes of a point
-        layout.count(points.nbytes)  # and of the row that all are in
+        layout.count(points.nbytes)  # bytes of the only row
         layout.sequence(points.nbytes, kind='|u1')
         layout.constants(np.array([1], '<u1'))  # is_dense: no number is missing
         self._template = cdr.Template(layout)
 
     def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
-        """Message of a single solution of this arm; ConfigError as of `cdr.Template`."""
+        """Return the message of a single solution; ConfigError if no stamp holds the time."""
         self._tensions[...] = backbone.tendon_tensions
         self._positions[...] = backbone.position
         return self._template.write(sec, nanosec, self._points.view(np.uint8).ravel())

@@ -1,9 +1,9 @@
-"""The layout of messages in CDR, from which they are written.
+"""The layout of messages in CDR, and templates that write them.
 
-Messages of one arm differ in stamps and numbers alone. A `Layout` describes where these are and
-what all other bytes are, as ROS 2 sends them: plain little-endian CDR, every number at a multiple
-of its size from where the fields begin. Bytes are laid out once; a template then sets stamps and
-numbers. Nothing of ROS is needed.
+Messages of one arm differ only in stamps and numbers. A `Layout` holds the places of these and all
+other bytes, as ROS 2 sends them: plain little-endian CDR, in which every number is at a multiple
+of its size from the first field. Bytes are laid out once; a `Template` then sets stamps and
+numbers. ROS is not needed.
 """
 
 import math
@@ -22,10 +22,10 @@ class Layout:
     """The fields of a message, added one by one.
 
     Attributes:
-        fields: its bytes after the encapsulation header, zero where they vary.
-        stamps: places of its stamps in ``fields``, multiples of 4.
-        slots: its numbers that vary: their type for NumPy, the place of the first, their shape and
-            the bytes from one to the next along each axis.
+        fields: bytes of the message after the encapsulation header, zero where they vary.
+        stamps: places of the stamps in ``fields``, multiples of 4.
+        slots: arrays of numbers that vary: their NumPy type, the place of the first number, their
+            shape, and the strides in bytes along each axis.
     """
 
     def __init__(self, frame: bytes | None = None) -> None:
@@ -46,10 +46,10 @@ class Layout:
         self.constants(np.array(value, '<u4'))
 
     def constants(self, *values: bytes | NDArray[Any]) -> None:
-        """Add strings, and arrays of numbers, that are always the same."""
+        """Add strings and arrays of numbers that do not vary."""
         for value in values:
             if isinstance(value, bytes):
-                self.count(len(value) + 1)  # with the NUL at its end
+                self.count(len(value) + 1)  # with the NUL at the end
                 self.fields += value + b'\0'
             else:
                 self._room(value.itemsize, 0)
@@ -84,31 +84,31 @@ class Layout:
         self.slots.append(('<f8', places[0] + 3 * 8, (count, 4), (step, 8)))
 
     def _room(self, size: int, count: int) -> int:
-        """Add zeros for ``count`` numbers of ``size`` bytes, aligned; returns their place."""
+        """Add aligned zeros for ``count`` numbers of ``size`` bytes, and return their place."""
         place = aligned(len(self.fields), size)
         self.fields += bytes(place + size * count - len(self.fields))
         return place
 
 
 def aligned(place: int, size: int) -> int:
-    """The first multiple of ``size`` from ``place`` on."""
+    """Return the first multiple of ``size`` from ``place`` on."""
     return place + -place % size
 
 
 def text_field(what: str, text: str) -> bytes:
-    """UTF-8 up to the first NUL, where strings of ROS messages end."""
+    """Return a ``text`` in UTF-8 up to the first NUL, where strings of ROS messages end."""
     try:
         return text.encode().split(b'\0')[0]
     except UnicodeEncodeError as error:
         raise ConfigError(f'{what} is {text!r}, which UTF-8 cannot hold') from error
 
 
-_FIELDS = 8  # where the fields begin in memory, so that NumPy finds its numbers aligned
+_FIELDS = 8  # place of the fields in memory, so that numbers are aligned for NumPy
 _START = _FIELDS - len(ENCAPSULATION)
 
 
 class Template:
-    """A message in whose memory stamps and numbers are written again and again."""
+    """A message whose stamps and numbers are overwritten for each copy."""
 
     def __init__(self, layout: Layout) -> None:
         """Take the fields of ``layout``."""
@@ -122,7 +122,7 @@ class Template:
         self._stamps = np.add.outer(np.array(layout.stamps, np.intp) // 4, [0, 1])
 
     def write(self, sec: int, nanosec: int, *values: NDArray[Any]) -> bytes:
-        """Copy of the message with a stamp and the ``values`` of its slots, in their order.
+        """Return a copy of the message with a stamp and the ``values`` of its slots, in order.
 
         Raises:
             ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
@@ -130,6 +130,6 @@ class Template:
         if not (-(2**31) <= sec < 2**31 and 0 <= nanosec < 2**32):
             raise ConfigError(f'stamp is {sec} s, {nanosec} ns, expected an int32 and a uint32')
         self._words[self._stamps] = sec & 0xFFFFFFFF, nanosec
-        for slot, new in zip(self._slots, values):
-            slot[...] = new
+        for slot, value in zip(self._slots, values):
+            slot[...] = value
         return self._message.tobytes()

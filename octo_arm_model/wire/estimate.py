@@ -1,4 +1,4 @@
-"""The messages of an estimate as bytes: its backbone, contact, biases and covariances."""
+"""The messages of an estimate as bytes: backbone, contact, biases and covariances."""
 
 from collections.abc import Collection
 from typing import Any, NamedTuple
@@ -24,12 +24,12 @@ _PARTS = 6  # three of position or force, three of rotation or moment
 
 
 class BackboneCovariance(NamedTuple):
-    """Contents of the message.
+    """The contents of an octo_arm_msgs/BackboneCovariance.
 
     Attributes:
         s: arc coordinates of the stations [m], (stations,).
-        pose: covariance of position [m] and rotation vector [rad] of each, (stations, 6, 6).
-        contact_s: where the estimated wrench acts [m]; NaN for a current, or where there is none.
+        pose: covariance of position [m] and rotation vector [rad], (stations, 6, 6).
+        contact_s: arc coordinate of the estimated wrench [m]; NaN for a current, or no wrench.
         contact: covariance of force [N] and moment [N m], (6, 6).
     """
 
@@ -40,10 +40,10 @@ class BackboneCovariance(NamedTuple):
 
 
 def read_covariance(message: Any) -> BackboneCovariance:
-    """Contents of a ``message``, an object of its type.
+    """Return the contents of a decoded ``message``.
 
     Raises:
-        MessageError: if it has not 36 numbers for each station.
+        MessageError: if it does not have 36 numbers for each station.
     """
     s, pose = np.asarray(message.s, np.float64), np.asarray(message.pose, np.float64)
     if pose.size != s.size * _PARTS**2:
@@ -57,7 +57,7 @@ def read_covariance(message: Any) -> BackboneCovariance:
 
 
 TIP_WRENCH, CONTACT, BIAS = 'tip_wrench/estimate', 'contact/estimate', 'tension_bias'
-# Topics of an estimate besides those of its backbone, and all of them, and their types.
+# Topics of an estimate besides those of its backbone, and all topics, with their types.
 BESIDES: dict[str, str] = {
     COVARIANCE: COVARIANCE_TYPE,
     TIP_WRENCH: 'geometry_msgs/msg/WrenchStamped',
@@ -78,7 +78,7 @@ class EstimateWriter:
         """Lay out the messages of ``arm`` with the stations ``s`` (stations,) [m].
 
         Raises:
-            ConfigError: if a name is not one that UTF-8 can hold.
+            ConfigError: if UTF-8 cannot hold a name.
         """
         frame = text_field('frame_id', frame_id)
         covariance, wrench = Layout(frame), Layout(frame)
@@ -98,20 +98,20 @@ class EstimateWriter:
         stamp: tuple[int, int],
         without: Collection[str] = (),
     ) -> dict[str, bytes]:
-        """Bytes by topic of `BESIDES`; those of a contact and of biases if they are estimated.
+        """Return the messages by topic of `BESIDES`; contact and biases only if estimated.
 
-        ``contact`` is that of the ``estimate``, ``stamp`` is in [s] and [ns], and nothing is
-        written for the topics ``without``.
+        ``contact`` is that of the ``estimate``, ``stamp`` is in [s] and [ns], and the topics
+        ``without`` are left out.
 
         Raises:
             ConfigError: if a ROS stamp cannot hold the time.
         """
-        messages, known = {}, contact or NO_CONTACT
-        topic = TIP_WRENCH if known.is_at_tip else CONTACT
+        messages, force = {}, contact or NO_CONTACT
+        topic = TIP_WRENCH if force.is_at_tip else CONTACT
         if contact is not None and topic not in without:
             messages[topic] = self._wrench.write(*stamp, contact.wrench)
         if COVARIANCE not in without:
-            parts = estimate.pose_covariance.ravel(), np.array(known.s), known.covariance
+            parts = estimate.pose_covariance.ravel(), np.array(force.s), force.covariance
             messages[COVARIANCE] = self._covariance.write(*stamp, *parts)
         if estimate.tension_bias.size and BIAS not in without:
             messages[BIAS] = self._bias.write(*stamp, estimate.tension_bias)
@@ -122,10 +122,10 @@ class EstimateMessages:
     """All messages of the estimates of one model of an arm."""
 
     def __init__(self, frame_id: str, model: ArmModel) -> None:
-        """Lay them out for ``model`` in the frame ``frame_id``.
+        """Lay out the messages of ``model`` in the frame ``frame_id``.
 
         Raises:
-            ConfigError: if a name is not one that UTF-8 can hold.
+            ConfigError: if UTF-8 cannot hold a name.
         """
         grid, names = model.solver.grid, model.arm.tendon_names
         self._arm = model.arm
@@ -133,7 +133,7 @@ class EstimateMessages:
         self._besides = EstimateWriter(frame_id, model.arm, grid.s)
 
     def write(self, estimate: Estimate, sec: int, nanosec: int) -> dict[str, bytes]:
-        """Bytes by topic of `ESTIMATES`, as `EstimateWriter.write`, and with its errors."""
+        """Return the messages by topic of `ESTIMATES`; raise ConfigError if no stamp holds it."""
         stamp = sec, nanosec
         shape = self._shape.all(estimate.backbone, estimate.pose_covariance[-1], *stamp)
         return {

@@ -1,4 +1,4 @@
-"""The markers and frames of an arm, and of how well an estimate is known, as messages."""
+"""The markers and frames of an arm, and the markers of the uncertainty of an estimate."""
 
 from typing import TypeAlias
 
@@ -11,7 +11,7 @@ from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.cdr import Layout, Template, text_field
 
-# Of visualization_msgs/Marker.
+# Constants of visualization_msgs/Marker.
 _TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4
 ADD = 0
 
@@ -23,8 +23,8 @@ _ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], '<f8')  # position and q
 class MarkersWriter:
     """Writes shapes of one arm as visualization_msgs/MarkerArray.
 
-    Namespaces and ids stay the same from message to message, so each message replaces the one
-    before: ``body`` 0, ``anchorages`` and ``tendons`` from 1 on, in the arm's order.
+    Each message replaces the one before, because namespaces and ids do not change: ``body`` 0,
+    ``anchorages`` and ``tendons`` from 1 on, in the arm's order.
     """
 
     def __init__(self, arm: Arm, s: FloatArray, frame_id: str, law: int = LINEAR) -> None:
@@ -33,21 +33,21 @@ class MarkersWriter:
         Raises:
             ConfigError: if UTF-8 cannot hold ``frame_id``.
         """
-        self._drawing = own = drawing.Drawing(arm, s, law)
-        self._corners = own.triangles.ravel()
+        self._drawing = shape = drawing.Drawing(arm, s, law)
+        self._corners = shape.triangles.ravel()
         frame = text_field('frame_id', frame_id)
         layout = Layout()
-        layout.count(1 + own.disc_count + len(own.tendon_points))
+        layout.count(1 + shape.disc_count + len(shape.tendon_points))
         _add_triangles(layout, frame, b'body', BODY_COLOUR, self._corners.size)
-        for index in range(own.disc_count):
+        for index in range(shape.disc_count):
             _begin_marker(layout, frame, b'anchorages', index + 1, _CYLINDER)
             layout.poses(1)
             layout.numbers(2)
-            layout.constants(np.array([own.disc_thickness], '<f8'), np.array(DISC_COLOUR, '<f4'))
+            layout.constants(np.array([shape.disc_thickness], '<f8'), np.array(DISC_COLOUR, '<f4'))
             _finish_marker(layout, 0)
-        for index, points in enumerate(own.tendon_points):
+        for index, points in enumerate(shape.tendon_points):
             _begin_marker(layout, frame, b'tendons', index + 1, _LINE_STRIP)
-            layout.constants(_ORIGIN, np.array([own.line_width, 0.0, 0.0], '<f8'))
+            layout.constants(_ORIGIN, np.array([shape.line_width, 0.0, 0.0], '<f8'))
             layout.numbers(4, kind='<f4')
             _finish_marker(layout, points)
         self._template = Template(layout)
@@ -55,22 +55,22 @@ class MarkersWriter:
     def write(
         self, backbone: Backbone, sec: int, nanosec: int, largest_tension: float | None = None
     ) -> bytes:
-        """Markers of one shape with the stations laid out for, all with the same header.
+        """Return the markers of one shape at the stations of this writer, with one header.
 
-        Tensions of ``largest_tension`` [N] and beyond are drawn in full red; None for the largest
-        of this shape.
+        Tensions of ``largest_tension`` [N] and above are drawn in full red; None takes the largest
+        tension of this shape.
 
         Raises:
             ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
         """
-        drawn = self._drawing.draw(backbone.position, backbone.quaternion, backbone.q)
-        values = [drawn.vertices[self._corners]]
+        geometry = self._drawing.draw(backbone.position, backbone.quaternion, backbone.q)
+        values = [geometry.vertices[self._corners]]
         for position, quaternion, radius in zip(
-            drawn.disc_position, drawn.disc_quaternion, drawn.disc_radius, strict=True
+            geometry.disc_position, geometry.disc_quaternion, geometry.disc_radius, strict=True
         ):
             values += [position, quaternion, 2.0 * radius]
         colours = drawing.tension_colours(backbone.tensions.ravel(), largest_tension)
-        for colour, path in zip(colours, drawn.tendons, strict=True):
+        for colour, path in zip(colours, geometry.tendons, strict=True):
             values += [colour, path]
         return self._template.write(sec, nanosec, *values)
 
@@ -78,17 +78,16 @@ class MarkersWriter:
 class FramesWriter:
     """Writes the frames of shapes of one arm as tf2_msgs/TFMessage.
 
-    Frames are ``<prefix>tip`` and ``<prefix>anchorage_<i>``, numbered from the tip. Few on
-    purpose: every listener on ``/tf`` pays for each of them, so stations have none. Their x axis
-    is along the tangent, y along n and z along b, like the poses of the backbone. The tip and an
-    anchorage at it are two frames in one place.
+    Frames are ``<prefix>tip`` and ``<prefix>anchorage_<i>``, numbered from the tip; an anchorage
+    at the tip has its own. Stations have none, because every listener on ``/tf`` receives all
+    frames. The x axis is the tangent, y is n and z is b, as in the poses of the backbone.
     """
 
     def __init__(self, arm: Arm, s: FloatArray, base_frame: str, prefix: str = '') -> None:
-        """Lay out the frames of ``arm``, children of ``base_frame``.
+        """Lay out the frames of ``arm``, which are children of ``base_frame``.
 
-        Their names begin with ``prefix``. ``s`` (stations,) [m] are the stations of the backbones
-        to come, as `Solver.grid` has them.
+        Their names begin with ``prefix``. ``s`` (stations,) [m] are the stations of all backbones,
+        as in `Solver.grid`.
 
         Raises:
             ConfigError: if UTF-8 cannot hold a name.
@@ -105,7 +104,7 @@ class FramesWriter:
         self._template = Template(layout)
 
     def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
-        """Frames of a single solution at the stations given; ConfigError as of `Template`."""
+        """Return the frames of a single solution; raise ConfigError if no stamp holds the time."""
         values = []
         for station in self._stations:
             values += [backbone.position[station], backbone.quaternion[station]]
@@ -118,7 +117,7 @@ Colour: TypeAlias = tuple[float, float, float, float]
 def _add_triangles(
     layout: Layout, frame: bytes, namespace: bytes, colour: Colour, corners: int, action: int = ADD
 ) -> None:
-    """A Marker of triangles, number 0 of its ``namespace``, whose ``corners`` vary."""
+    """Add a Marker of triangles, number 0 of its ``namespace``, whose ``corners`` vary."""
     _begin_marker(layout, frame, namespace, 0, _TRIANGLE_LIST, action)
     # RViz multiplies the points by the scale.
     layout.constants(_ORIGIN, np.ones(3, '<f8'), np.array(colour, '<f4'))
@@ -128,13 +127,13 @@ def _add_triangles(
 def _begin_marker(
     layout: Layout, frame: bytes, namespace: bytes, number: int, kind: int, action: int = ADD
 ) -> None:
-    """The first fields of a Marker: its pose, scale and colour follow."""
+    """Add the first fields of a Marker; pose, scale and colour follow."""
     layout.header(frame)
     layout.constants(namespace, np.array([number, kind, action], '<i4'))
 
 
 def _finish_marker(layout: Layout, points: int) -> None:
-    """The last fields of a Marker from its lifetime on: it stays until the next of its name."""
+    """Add the last fields of a Marker, with a lifetime until the next one of its name."""
     layout.constants(np.zeros(2, '<u4'), np.zeros(1, '<u1'))  # lifetime, frame_locked
     layout.count(points)
     if points:
@@ -148,14 +147,14 @@ def _finish_marker(layout: Layout, points: int) -> None:
     layout.constants(np.zeros(1, '<u1'))  # mesh_use_embedded_materials
 
 
-_DELETE = 2  # of visualization_msgs/Marker
+_DELETE = 2  # constant of visualization_msgs/Marker
 
 
 class UncertaintyMarkersWriter:
-    """Writes them as visualization_msgs/MarkerArray.
+    """Writes the uncertainty of an estimate as visualization_msgs/MarkerArray.
 
-    Their namespaces are ``covariance``, ``contact`` and ``cone``. They replace those of the
-    message before; the force is deleted where it may as well be none.
+    The namespaces are ``covariance``, ``contact`` and ``cone``. Each message replaces the one
+    before. The markers of the force are deleted if it is not significant.
     """
 
     def __init__(self, arm: Arm, s: FloatArray, frame_id: str) -> None:
@@ -172,11 +171,11 @@ class UncertaintyMarkersWriter:
             (b'cone', (0.1, 0.43, 0.2, 0.35), drawing.CONE_TRIANGLES),
         )
         templates = []
-        for shown in (3, 1):  # the others are deleted
+        for drawn in (3, 1):  # the markers from this number on are deleted
             layout = Layout()
             layout.count(len(parts))
             for number, (name, colour, triangles) in enumerate(parts):
-                corners, action = (triangles.size, ADD) if number < shown else (0, _DELETE)
+                corners, action = (triangles.size, ADD) if number < drawn else (0, _DELETE)
                 _add_triangles(layout, frame, name, colour, corners, action)
             templates.append(Template(layout))
         self._with_force, self._without = templates
@@ -190,17 +189,17 @@ class UncertaintyMarkersWriter:
         sec: int,
         nanosec: int,
     ) -> bytes:
-        """Markers of one estimate; see `UncertaintyDrawing.tube` and `UncertaintyDrawing.arrow`.
+        """Return the markers of one estimate: `UncertaintyDrawing.tube` and `.arrow`.
 
-        ``contact`` is the s [m] of a force, see `UncertaintyDrawing.place`, the force (3,) [N] and
-        its covariance (3, 3) [N^2].
+        The arrays are (S, 3), (S, 4) and (S, 6, 6). ``contact`` is the s [m] of a force, the force
+        (3,) [N] and its covariance (3, 3) [N^2].
 
         Raises:
             ConfigError: if a ROS stamp cannot hold ``sec`` [s] and ``nanosec`` [ns].
         """
-        s, force, of_force = contact
+        s, force, force_covariance = contact
         tube = self._drawing.tube(position, quaternion, covariance)[self._drawing.triangles]
-        arrow = self._drawing.arrow(self._drawing.place(position, s), force, of_force)
+        arrow = self._drawing.arrow(self._drawing.place(position, s), force, force_covariance)
         if arrow is None:
             return self._without.write(sec, nanosec, tube.reshape(-1, 3))
         parts = tube, arrow.shaft[drawing.ARROW_TRIANGLES], arrow.cone[drawing.CONE_TRIANGLES]

@@ -1,6 +1,6 @@
-"""Measurements besides tensions, and points: the types of their messages, and how each is read.
+"""Measurements other than tensions, and points: the types of their messages, and their reading.
 
-A message is an object of whichever library decoded it, as in `wire.tensions`.
+A message is an object of the library that decoded it, as in `wire.tensions`.
 """
 
 import math
@@ -33,28 +33,28 @@ from octo_arm_model.wire.tensions import (
 
 
 def points_of(value: Any, names: Sequence[str] = ()) -> FloatArray:
-    """Points (n, 3) of a ``value`` out of a message: one or many points, poses or triples.
+    """Return the points (n, 3) of a ``value`` of a message: points, poses or triples.
 
-    Of those of ``names``, or their numbers from 0 on, in their order; NaN for those not there.
+    ``names`` selects entries by their names, or numbers from 0 on; a missing one is NaN.
 
     Raises:
-        MeasurementError: if it has no points, or none of the names.
+        MeasurementError: if there are no points, or none of the names.
     """
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in 'fiu' or value.size % 3:
             raise MeasurementError(f'{value.size} values, expected x, y, z of each point')
-        points, known = np.asarray(value, np.float64).reshape(-1, 3), {}
+        points, numbers = np.asarray(value, np.float64).reshape(-1, 3), {}
     else:
         entries = value if isinstance(value, (list, tuple)) else [value]
-        points = np.array([_position(one) for one in entries], np.float64).reshape(-1, 3)
-        known = {_name_of(one): number for number, one in enumerate(entries)}
+        points = np.array([_position(entry) for entry in entries], np.float64).reshape(-1, 3)
+        numbers = {_name_of(entry): number for number, entry in enumerate(entries)}
     if not names:
         return points
-    known = {str(number): number for number in range(len(points))} | known
-    if not any(name in known for name in names):
-        raise MeasurementError(f'none of {listed(names)}; there are {listed(list(known))}')
-    nothing = np.full(3, np.nan)
-    return np.array([points[known[name]] if name in known else nothing for name in names])
+    numbers = {str(number): number for number in range(len(points))} | numbers
+    if not any(name in numbers for name in names):
+        raise MeasurementError(f'none of {listed(names)}; there are {listed(list(numbers))}')
+    hidden = np.full(3, np.nan)
+    return np.array([points[numbers[name]] if name in numbers else hidden for name in names])
 
 
 def _position(value: Any) -> tuple[float, float, float]:
@@ -62,22 +62,22 @@ def _position(value: Any) -> tuple[float, float, float]:
         if all(hasattr(value, axis) for axis in 'xyz'):
             return value.x, value.y, value.z
         names = ('position', 'point', 'translation', 'pose', 'transform')
-        value = next((getattr(value, one) for one in names if hasattr(value, one)), None)
+        value = next((getattr(value, name) for name in names if hasattr(value, name)), None)
     raise MeasurementError('it has entries that are neither points nor poses')
 
 
 def _name_of(value: Any) -> str:
-    """What an entry of a message is called; '' if nothing says it."""
+    """Return the name of an entry of a message; '' if it has none."""
     for name in ('name', 'marker_name', 'label', 'child_frame_id', 'id', 'marker_id'):
-        if isinstance(found := getattr(value, name, None), (str, int, np.integer)):
-            return str(found)
+        if isinstance(text := getattr(value, name, None), (str, int, np.integer)):
+            return str(text)
     return str(getattr(getattr(value, 'header', None), 'frame_id', ''))
 
 
 def _cloud(message: Any) -> FloatArray:
     kinds = {7: 'f4', 8: 'f8'}  # FLOAT32, FLOAT64
     order = '>' if message.is_bigendian else '<'
-    fields = {str(one.name): one for one in message.fields}
+    fields = {str(field.name): field for field in message.fields}
     if any(axis not in fields or fields[axis].datatype not in kinds for axis in 'xyz'):
         raise MeasurementError('its fields x, y, z are missing, or no floating point numbers')
     step, count = int(message.point_step), int(message.width) * int(message.height)
@@ -97,7 +97,7 @@ def _cloud(message: Any) -> FloatArray:
     return np.stack([rows[axis] for axis in 'xyz'], axis=1).astype(np.float64).ravel()
 
 
-# The positions in a message, by type: of many points, and of one.
+# The positions in a message, by its type: types of many points, and types of one.
 _MANY: dict[str, Callable[[Any], Any]] = {
     'nav_msgs/msg/Path': lambda message: message.poses,
     'geometry_msgs/msg/PoseArray': lambda message: message.poses,
@@ -113,9 +113,9 @@ POSITIONS = {**_MANY, **_ONE}
 MIDLINES, ONE = tuple(_MANY), tuple(_ONE)
 
 
-# Rounding, in single precision, by which a covariance may not be symmetric, of its deviations.
+# Asymmetry of a covariance, over its deviations, that rounding in single precision may cause.
 _ASYMMETRY = 1e-6
-# Of a quaternion that `TipPose` may take for one.
+# Bounds of the length of a quaternion that `TipPose` is left to check.
 _SHORTEST, _LONGEST = 0.5, 2.0
 # Pose of a frame in base_frame by its name and a stamp [ns].
 PoseOf: TypeAlias = Callable[[str, int], Pose]
@@ -123,12 +123,12 @@ PoseOf: TypeAlias = Callable[[str, int], Pose]
 
 @dataclass(frozen=True)
 class MeasuredArm:
-    """The arm that is measured.
+    """The arm that is measured, with its sensors.
 
     Attributes:
-        config: its description.
-        noise: of the sensors.
-        pose_of: pose of a frame in base_frame; None where measurements are in base_frame.
+        config: the description of the arm.
+        noise: the noise of the sensors.
+        pose_of: pose of a frame in base_frame; None if measurements are in base_frame.
     """
 
     config: Config
@@ -136,10 +136,10 @@ class MeasuredArm:
     pose_of: PoseOf | None = None
 
     def frame(self, header: Any) -> tuple[Rotation, FloatArray]:
-        """Rotation and origin (3,) [m], in base_frame, of the frame of a message's ``header``.
+        """Return rotation and origin (3,) [m] of the frame of a ``header``, in base_frame.
 
         Raises:
-            MeasurementError: if it is not known.
+            MeasurementError: if the frame is not known.
         """
         frame = str(header.frame_id)
         if frame in ('', self.config.base_frame):
@@ -154,12 +154,12 @@ class MeasuredArm:
 
 @dataclass(frozen=True)
 class MeasurementMessage:
-    """A type of message that something measured comes in.
+    """A type of message that carries a measurement.
 
     Attributes:
-        type_name: its name, such as 'geometry_msgs/msg/PoseArray'.
-        description: what it says, for the manual.
-        read: what a message measures of an ``arm``; raises OctoArmError where that is nothing.
+        type_name: name of the type, such as 'geometry_msgs/msg/PoseArray'.
+        description: meaning of the message, for the manual.
+        read: returns the measurement in a message of an ``arm``, or raises OctoArmError.
     """
 
     type_name: str
@@ -168,9 +168,9 @@ class MeasurementMessage:
 
 
 def tensions_of(readings: FloatArray, arm: MeasuredArm) -> measurements.Tensions:
-    """Tensions for ``readings`` of the load cells, of `Arm.tension_shape` [N], calibrated.
+    """Return calibrated tensions for ``readings`` of load cells, of `Arm.tension_shape` [N].
 
-    Readings below zero stay as they are: of a slack tendon they are as probable as those above.
+    Readings below zero are kept, because for a slack tendon they are as probable as those above.
 
     Raises:
         MeasurementError: if a tension is not finite.
@@ -180,63 +180,63 @@ def tensions_of(readings: FloatArray, arm: MeasuredArm) -> measurements.Tensions
 
 
 def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> measurements.Measurement:
-    """Lengths reeled in, see `read_displacements`.
+    """Return the lengths reeled in that `read_displacements` finds in a ``message``.
 
     Raises:
-        TensionError: as that, or if there are none.
+        TensionError: if they cannot be read, or there are none.
     """
-    found = read_displacements(message, arm.config.arm, arm.config.encoders, field)
-    if not found:
+    lengths = read_displacements(message, arm.config.arm, arm.config.encoders, field)
+    if not lengths:
         raise TensionError('it has no displacements')
     return measurements.TendonDisplacements(
-        list(found.values()), arm.noise.given.displacement_stddev, tuple(found)
+        list(lengths.values()), arm.noise.given.displacement_stddev, tuple(lengths)
     )
 
 
 def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
-    at, turned = message.pose.pose.position, message.pose.pose.orientation
-    # All is checked as it came: a rotation makes of one wrong number several.
-    position = rotation.apply(magnitudes('tip pose: position', [at.x, at.y, at.z])) + origin
-    own: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
-    wrong = ~(np.abs(own) <= LARGEST**2)  # what is no number, too
-    if wrong.any():
-        i, j = np.argwhere(wrong)[0]
+    p, orientation = message.pose.pose.position, message.pose.pose.orientation
+    # Numbers are checked before the rotation, which would spread a wrong one to others.
+    position = rotation.apply(magnitudes('tip pose: position', [p.x, p.y, p.z])) + origin
+    sensor: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+    is_too_large = ~(np.abs(sensor) <= LARGEST**2)  # or NaN
+    if is_too_large.any():
+        i, j = np.argwhere(is_too_large)[0]
         raise MeasurementError(
-            f'its covariance is {own[i, j]:g} at {i}, {j}, expected finite numbers of at most '
+            f'its covariance is {sensor[i, j]:g} at {i}, {j}, expected finite numbers of at most '
             f'{LARGEST**2:g}'
         )
-    # Of these `Measurement` sees the sum with the errors of the model, which may be positive.
-    if (np.diag(own) < 0.0).any():
-        i = int(np.diag(own).argmin())
+    # `Measurement` checks only the sum with the errors of the model, which may be positive.
+    if (np.diag(sensor) < 0.0).any():
+        i = int(np.diag(sensor).argmin())
         raise MeasurementError(
-            f'its covariance is {own[i, i]:g} at {i}, {i}, expected a positive definite one'
+            f'its covariance is {sensor[i, i]:g} at {i}, {i}, expected a positive definite one'
         )
-    deviation = np.sqrt(np.diag(own))
-    skew = np.abs(own - own.T) > _ASYMMETRY * np.outer(deviation, deviation)
-    if skew.any():
-        i, j = np.argwhere(skew)[0]
+    deviation = np.sqrt(np.diag(sensor))
+    is_skew = np.abs(sensor - sensor.T) > _ASYMMETRY * np.outer(deviation, deviation)
+    if is_skew.any():
+        i, j = np.argwhere(is_skew)[0]
         raise MeasurementError(
-            f'its covariance is {own[i, j]:g} at {i}, {j} and {own[j, i]:g} at {j}, {i}, '
+            f'its covariance is {sensor[i, j]:g} at {i}, {j} and {sensor[j, i]:g} at {j}, {i}, '
             'expected a symmetric one'
         )
-    for part, what in ((slice(0, 3), 'position'), (slice(3, 6), 'rotation')):
-        if not own[part, part].any():
-            own[part, part] = getattr(noise.given, f'tip_{what}_stddev') ** 2 * np.eye(3)
-    if not own[:3, :3].any():
+    for part, quantity in ((slice(0, 3), 'position'), (slice(3, 6), 'rotation')):
+        if not sensor[part, part].any():
+            sensor[part, part] = getattr(noise.given, f'tip_{quantity}_stddev') ** 2 * np.eye(3)
+    if not sensor[:3, :3].any():
         raise MeasurementError(
             'its covariance is zero and estimator.tip_position_stddev is 0: its noise is not known'
         )
     turn = np.kron(np.eye(2), rotation.as_matrix())
-    covariance = turn @ own @ turn.T
+    covariance = turn @ sensor @ turn.T
     covariance[:3, :3] += noise.model_position**2 * np.eye(3)
-    if not own[3:, 3:].any():
+    if not sensor[3:, 3:].any():
         return measurements.TipPosition(position, covariance[:3, :3])
     covariance[3:, 3:] += noise.model_rotation**2 * np.eye(3)
-    quaternion: FloatArray = np.array([turned.x, turned.y, turned.z, turned.w])
+    quaternion: FloatArray = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
     length = math.hypot(*quaternion.tolist())
     if _SHORTEST < length < _LONGEST:
-        # `TipPose` checks the length, which a product with a rotation keeps.
+        # A product with a rotation keeps the length, which `TipPose` checks.
         quaternion = length * (rotation * Rotation.from_quat(quaternion)).as_quat()
     return measurements.TipPose(position, quaternion, covariance)
 
@@ -244,12 +244,12 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
 def markers_of(
     message: Any, arm: MeasuredArm, field: str = '', names: Sequence[str] = ()
 ) -> measurements.Measurement:
-    """Markers at estimator.marker_s in a PoseArray, or in the ``field`` of any message.
+    """Return the markers at estimator.marker_s in a PoseArray, or in a ``field`` of any message.
 
-    Those of ``names``, see `points_of`.
+    ``names`` selects them, as in `points_of`.
 
     Raises:
-        MeasurementError: if there are others, or none is seen.
+        MeasurementError: if there are not as many as estimator.marker_s, or all are hidden.
         TensionError: if there is no such field.
     """
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
@@ -266,13 +266,13 @@ def markers_of(
         )
     if np.isinf(points).any():
         raise MeasurementError('a marker is infinite, expected finite numbers, or NaN if hidden')
-    seen = ~np.isnan(points).any(axis=1)
-    if not seen.any():
+    is_seen = ~np.isnan(points).any(axis=1)
+    if not is_seen.any():
         raise MeasurementError('it shows no marker')
-    s = np.array(places)[seen]
+    s = np.array(places)[is_seen]
     stddev = float(np.hypot(noise.given.marker_stddev, noise.model_position))
-    shown = magnitudes('markers: value', points[seen])
-    return measurements.Markers(s, rotation.apply(shown) + origin, stddev)
+    visible = magnitudes('markers: value', points[is_seen])
+    return measurements.Markers(s, rotation.apply(visible) + origin, stddev)
 
 
 def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
@@ -285,16 +285,16 @@ def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     force, moment = message.wrench.force, message.wrench.torque
     numbers = [force.x, force.y, force.z, moment.x, moment.y, moment.z]
     wrench = magnitudes('base wrench: value', numbers)
-    # From the axes and the origin of its frame to those of base_frame, about the base.
+    # This transforms from the frame of the sensor to base_frame, with moments about the base.
     turn = np.kron(np.eye(2), rotation.as_matrix())
-    away = skew(origin - np.array(arm.config.base.position))
-    turn[3:, :3] = away @ rotation.as_matrix()
+    lever = skew(origin - np.array(arm.config.base.position))
+    turn[3:, :3] = lever @ rotation.as_matrix()
     stddev = np.repeat(stddevs, 3)
     return BaseWrench(turn @ wrench, (turn * stddev**2) @ turn.T)
 
 
 TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measured/base_wrench'
-# Everything measured but tensions, for the node, the bag tools and the manual: one row adds one.
+# All measurements but tensions, for the node, the bag tools and the manual: one row each.
 MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
     DISPLACEMENTS: MeasurementMessage(
         DISPLACEMENT_TYPE,

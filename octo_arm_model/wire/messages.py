@@ -1,4 +1,4 @@
-"""What is common to messages: their time stamps, and counts of those left out, by reason."""
+"""Time stamps of messages, and counts of messages left out, by reason."""
 
 import re
 from dataclasses import dataclass, field
@@ -15,12 +15,12 @@ class Stamp(NamedTuple):
 
     @classmethod
     def from_ns(cls, nanoseconds: int) -> 'Stamp':
-        """Stamp of a time [ns]."""
+        """Return the stamp of a time [ns]."""
         return cls(*divmod(nanoseconds, 10**9))
 
     @classmethod
     def of(cls, time: Any) -> 'Stamp':
-        """Stamp of a builtin_interfaces/Time of whichever library decoded it."""
+        """Return the stamp of a builtin_interfaces/Time, whichever library decoded it."""
         return cls(time.sec, time.nanosec)
 
     @property
@@ -30,10 +30,10 @@ class Stamp(NamedTuple):
 
 
 def time_of(stamp: Stamp | None) -> Stamp | None:
-    """The ``stamp`` of a message; None where it has none or an unset one.
+    """Return the ``stamp`` of a message; None if it has none or it is not set.
 
     Raises:
-        MessageError: if it is no time: the clocks of subscribers raise at such a stamp.
+        MessageError: if it is not a valid time, at which the clocks of subscribers would raise.
     """
     if stamp is None or not any(stamp):
         return None
@@ -47,7 +47,7 @@ def time_of(stamp: Stamp | None) -> Stamp | None:
 
 _NUMBER = re.compile(r'(?<![A-Za-z_\d])[-+]?(\d+\.?\d*([eE][-+]?\d+)?|nan|inf)\b')
 _NEGATIVE = re.compile(r'tension of .* is -[\d.]')
-_MOST = 50  # reasons apart; what is beyond is counted together
+_MOST = 50  # reasons that are counted apart; all further ones are counted together
 _OTHER = 'other reasons'
 
 
@@ -55,11 +55,11 @@ _OTHER = 'other reasons'
 class Refusals:
     """Counts of messages left out.
 
-    Reasons that differ in numbers alone are one. Their number is bounded, whatever comes.
+    Reasons that differ only in numbers count as one. The number of reasons is bounded.
 
     Attributes:
-        counts: by topic and reason without its numbers.
-        examples: the first reason of each, in full.
+        counts: counts by topic and by reason without its numbers.
+        examples: the first full reason of each of these.
     """
 
     counts: dict[tuple[str, str], int] = field(default_factory=dict)
@@ -75,16 +75,16 @@ class Refusals:
 
     @property
     def total(self) -> int:
-        """How many there are."""
+        """Number of messages left out."""
         return sum(self.counts.values())
 
     def of(self, topic: str) -> dict[str, int]:
-        """Counts of one ``topic`` by the first reason of each kind, most frequent first."""
-        own = [(self.examples[key], n) for key, n in self.counts.items() if key[0] == topic]
-        return dict(sorted(own, key=lambda pair: -pair[1]))
+        """Return the counts on one ``topic`` by example of the reason, most frequent first."""
+        reasons = [(self.examples[key], n) for key, n in self.counts.items() if key[0] == topic]
+        return dict(sorted(reasons, key=lambda pair: -pair[1]))
 
     def lines(self) -> list[str]:
-        """A line for each topic and reason, most frequent first; what is of none names none."""
+        """Return a line for each topic (if not '') and reason, most frequent first, and hints."""
         ordered = sorted(self.counts.items(), key=lambda item: -item[1])
         lines = [
             f'{topic and f"{topic}: "}{count} left out, as {self.examples[topic, kind]}'
@@ -94,13 +94,13 @@ class Refusals:
 
     @property
     def in_short(self) -> str:
-        """The most frequent reason, to end an error message with; '' of none."""
+        """The most frequent reason, as the end of an error message; '' if there is none."""
         lines = self.lines()
         return f'; {lines[0]}' if lines else ''
 
     @property
     def hints(self) -> list[str]:
-        """Parameters that would let messages in that were left out."""
+        """Hints at parameters with which messages would not have been left out."""
         if any(_NEGATIVE.match(example) for example in self.examples.values()):
             return ['load cells: tension_deadband takes readings near zero as zero']
         return []

@@ -1,9 +1,8 @@
-"""Tensions and displacements as messages carry them: which those are, and how each is read.
+"""Messages of tensions and displacements: their types, and the reading of each.
 
-A message is an object of whichever library decoded it, ROS or `rosbags`: other classes with the
-same fields. For each tendon of the arm there is the name of its value in what comes in, or the
-number of the value from 0 on where these have no names, or `NONE`: that tendon has no load cell,
-and is slack.
+A message is an object of the library that decoded it, ROS or `rosbags`, whose classes have the
+same fields. The value of each tendon of the arm is found by a name, by its number from 0 on if
+values have no names, or is `NONE`: that tendon has no load cell, and is slack.
 """
 
 import re
@@ -21,12 +20,12 @@ from octo_arm_model.config.build import EncoderCalibration
 from octo_arm_model.rod.displacements import check_displacements
 
 NONE = '-'
-MAX_VALUES = 100_000  # of one message
+MAX_VALUES = 100_000  # in one message
 _STEP = re.compile(r'^([A-Za-z]\w*)((?:\[\d{1,9}\])*)$')
 
 
 def field_of(message: Any, path: str) -> Any:
-    """The field ``path`` of a ``message``, such as 'wrench.force.x' or 'poses[2].position'.
+    """Return the field ``path`` of a ``message``, e.g. 'wrench.force.x', 'poses[2].position'.
 
     Raises:
         TensionError: if there is no such field, or it has too many entries.
@@ -47,10 +46,10 @@ def field_of(message: Any, path: str) -> Any:
 
 
 def field_values(message: Any, path: str) -> FloatArray:
-    """Numbers of the field ``path`` of a ``message``, see `field_of`, (n,).
+    """Return the numbers (n,) in the field ``path`` of a ``message``.
 
     Raises:
-        TensionError: as `field_of`, or if it holds no numbers.
+        TensionError: if there is no such field, it has too many entries, or holds no numbers.
     """
     value = field_of(message, path)
     try:
@@ -63,33 +62,33 @@ def field_values(message: Any, path: str) -> FloatArray:
 
 
 def values_by_name(names: Sequence[str], values: Sequence[float], field: str) -> dict[str, float]:
-    """The ``values`` of the ``field`` of a message by the ``names`` of their tendons.
+    """Return the ``values`` of the ``field`` of a message by the ``names`` of their tendons.
 
     Raises:
-        TensionError: if there are not as many names, or too many, or one is repeated.
+        TensionError: if the numbers of names and values differ, or a name is repeated.
     """
     if len(names) > MAX_VALUES:
         raise TensionError(f'name has {len(names)} entries, expected at most {MAX_VALUES}')
     if len(names) != len(values):
         raise TensionError(f'name has {len(names)} entries but {field} has {len(values)}')
-    found = dict(zip(names, values))
-    if len(found) < len(names):
+    by_name = dict(zip(names, values))
+    if len(by_name) < len(names):
         repeated = sorted(name for name, count in Counter(names).items() if count > 1)
         raise TensionError(f'tendon named more than once: {listed(repeated)}')
-    return found
+    return by_name
 
 
 def tensions_by_names(
     values: FloatArray,
     names: Sequence[str] | None,
-    wanted: Sequence[str],
+    chosen: Sequence[str],
     arm: Arm,
     hint: str = 'tension_names (--tendons)',
 ) -> FloatArray:
-    """Tensions of ``arm``, of `Arm.tension_shape` [N], from ``values`` (n,) of these ``names``.
+    """Return tensions of ``arm``, of `Arm.tension_shape` [N], from ``values`` (n,) by ``names``.
 
-    ``wanted`` is the name or number of each tendon's value, or `NONE`; empty for the tendons' own
-    names, or, where there are no names, the order of the tendons. The ``hint`` is in errors.
+    ``chosen`` is the name or number of each tendon's value, or `NONE`. If it is empty, it is the
+    tendons' own names, or the order of the tendons without ``names``. Errors name the ``hint``.
 
     Raises:
         TensionError: if a value is missing, or named more than once, or there are too many.
@@ -99,19 +98,19 @@ def tensions_by_names(
     if names is not None and len(names) != len(values):
         raise TensionError(f'{len(names)} names but {len(values)} values')
     count = len(arm.tendons)
-    if not (wanted or names is not None or len(values) == count):
+    if not (chosen or names is not None or len(values) == count):
         raise TensionError(
             f'{len(values)} values, expected {count}, one for each tendon, or {hint} that say '
             'which is which'
         )
-    wanted = wanted or (arm.tendon_names if names is not None else list(map(str, range(count))))
-    places = {str(n): n for n in range(len(values))}
-    places |= {name: n for n, name in enumerate(names or ())}
-    repeated = [name for name, times in Counter(names).items() if times > 1 and name in wanted]
+    chosen = chosen or (arm.tendon_names if names is not None else list(map(str, range(count))))
+    places = {str(number): number for number in range(len(values))}
+    places |= {name: number for number, name in enumerate(names or ())}
+    repeated = [name for name, times in Counter(names).items() if times > 1 and name in chosen]
     if repeated:
         raise TensionError(f'named more than once: {listed(repeated[:1])}')
     tensions = np.zeros(len(arm.tendons))
-    for tendon, name in enumerate(wanted):
+    for tendon, name in enumerate(chosen):
         if name == NONE:
             continue
         if name not in places:
@@ -124,7 +123,7 @@ def tensions_by_names(
 
 
 def names_of(message: Any, count: int) -> list[str] | None:
-    """Names of the values in the field 'name' of a ``message``, if there are ``count``."""
+    """Return the names in the field 'name' of a ``message`` if there are ``count``, else None."""
     names = getattr(message, 'name', None)
     if isinstance(names, (list, tuple)) and len(names) == count and count:
         return [str(name) for name in names]
@@ -136,21 +135,21 @@ class TensionMessage:
     """A type of message that carries the tensions of all tendons.
 
     Attributes:
-        type_name: its name, such as 'sensor_msgs/msg/JointState'.
-        tensions: the field of the tensions [N].
-        names: the field of the tendons' names in their order; None where tensions are row-major
-            and the field 'layout' says of which shape.
+        type_name: name of the type, such as 'sensor_msgs/msg/JointState'.
+        tensions: field of the tensions [N].
+        names: field of the tendons' names; None if tensions are row-major, with the shape in the
+            field 'layout'.
     """
 
     type_name: str
     tensions: str
     names: str | None = None
 
-    def read(self, message: Any, arm: Arm, wanted: Sequence[str] = ()) -> FloatArray:
-        """Tensions [N], of `Arm.tension_shape`, of a ``message`` of this type.
+    def read(self, message: Any, arm: Arm, chosen: Sequence[str] = ()) -> FloatArray:
+        """Return the tensions [N], of `Arm.tension_shape`, in a ``message`` of this type.
 
-        Of the values ``wanted``, see `tensions_by_names`, among others; empty where the message
-        has those of all tendons and no others.
+        ``chosen`` picks values as in `tensions_by_names`. If it is empty, the message must have
+        the tensions of all tendons and no others.
 
         Raises:
             TensionError: if names are unknown, repeated or missing, lengths differ, or the layout
@@ -158,9 +157,9 @@ class TensionMessage:
         """
         values = getattr(message, self.tensions)
         names = None if self.names is None else getattr(message, self.names)
-        if wanted:
-            given = np.asarray(values, dtype=np.float64)
-            return tensions_by_names(given, None if names is None else list(names), wanted, arm)
+        if chosen:
+            numbers = np.asarray(values, dtype=np.float64)
+            return tensions_by_names(numbers, None if names is None else list(names), chosen, arm)
         shape, count = arm.tension_shape, len(arm.tendons)
         if names is not None:
             tension_of = _of_tendons(names, values, self.tensions, arm)
@@ -187,26 +186,25 @@ class TensionMessage:
 
 @dataclass(frozen=True)
 class FieldMessage:
-    """A type of message of which one field holds tensions.
+    """A type of message in which one field holds tensions.
 
     Attributes:
-        type_name: its name.
-        field: the field, see `field_values`; the names of its values are those in the field 'name'
-            if there are as many.
+        type_name: name of the type.
+        field: path of the field; names are in the field 'name' if it has as many.
     """
 
     type_name: str
     field: str
 
-    def read(self, message: Any, arm: Arm, wanted: Sequence[str] = ()) -> FloatArray:
-        """As `TensionMessage.read`, other values may always be there.
+    def read(self, message: Any, arm: Arm, chosen: Sequence[str] = ()) -> FloatArray:
+        """Return the tensions [N], of `Arm.tension_shape`, among the values of the field.
 
         Raises:
             TensionError: if there is no such field of numbers, a value is missing, or named more
                 than once.
         """
         values = field_values(message, self.field)
-        return tensions_by_names(values, names_of(message, len(values)), wanted, arm)
+        return tensions_by_names(values, names_of(message, len(values)), chosen, arm)
 
 
 TENDON_TENSIONS = TensionMessage('octo_arm_msgs/msg/TendonTensions', 'tension', 'name')
@@ -214,7 +212,7 @@ FLOAT64_ARRAY = TensionMessage('std_msgs/msg/Float64MultiArray', 'data')
 FLOAT32_ARRAY = TensionMessage('std_msgs/msg/Float32MultiArray', 'data')
 JOINT_STATE = TensionMessage('sensor_msgs/msg/JointState', 'effort', 'name')
 
-# Every topic of tensions, for the node, the simulator and the bag tools: one row adds one.
+# All topics of tensions, for the node, the simulator and the bag tools: one row each.
 TENSION_TOPICS: dict[str, TensionMessage] = {
     'tendon_tensions': TENDON_TENSIONS,
     'tendon_tensions/array': FLOAT64_ARRAY,
@@ -226,30 +224,30 @@ TENSION_TOPICS: dict[str, TensionMessage] = {
 def _of_tendons(
     names: Sequence[str], values: Sequence[float], field: str, arm: Arm
 ) -> dict[str, float]:
-    found = values_by_name(names, values, field)
+    by_name = values_by_name(names, values, field)
     known = set(arm.tendon_names)
     if unknown := [name for name in names if name not in known]:
         raise TensionError(
             f'unknown tendon {listed(unknown)}; this arm has {listed(arm.tendon_names)}'
         )
-    return found
+    return by_name
 
 
 def read_joint_commands(message: Any, arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
-    """Tensions [N], or lengths to reel in [m], by name of the tendons that a JointState commands.
+    """Return tensions [N] and lengths to reel in [m] by tendon that a JointState commands.
 
-    One of the two is empty: a controller sends one array, of the interface that it commands.
+    One of the two is empty, because a controller sends the array of the interface it commands.
 
     Raises:
         TensionError: if not exactly one of effort and position is given, names are unknown or
             repeated, lengths differ, or a position is not finite.
     """
-    given = [name for name in ('position', 'velocity', 'effort') if len(getattr(message, name))]
-    if given == ['position']:
+    arrays = [name for name in ('position', 'velocity', 'effort') if len(getattr(message, name))]
+    if arrays == ['position']:
         return {}, read_displacements(message, arm)
-    if given != ['effort']:
+    if arrays != ['effort']:
         raise TensionError(
-            f'a command of {" and ".join(given) or "nothing"}, expected either effort [N] or '
+            f'a command of {" and ".join(arrays) or "nothing"}, expected either effort [N] or '
             'position [m]'
         )
     return _of_tendons(message.name, message.effort, 'effort', arm), {}
@@ -262,10 +260,10 @@ DISPLACEMENT_TYPE = 'sensor_msgs/msg/JointState'
 def read_displacements(
     message: Any, arm: Arm, encoders: EncoderCalibration = EncoderCalibration(), field: str = ''
 ) -> dict[str, float]:
-    """Length reeled in by tendon name [m], from the readings of ``encoders`` in a ``message``.
+    """Return the length reeled in [m] by tendon, from readings of ``encoders`` in a ``message``.
 
-    Those are the positions of a JointState by name of the tendon, or else numbers by the names
-    that encoders have, or of the ``field`` of any message, see `field_values`.
+    Readings are the positions of a JointState by name of the tendon, or by name of the encoder if
+    ``encoders`` have names, or the values of the ``field`` of any message.
 
     Raises:
         TensionError: if names are unknown or repeated, lengths differ, or a position is not
@@ -277,17 +275,17 @@ def read_displacements(
         names = names_of(message, len(values))
         hint = 'displacement_names (--motors)'
         readings = tensions_by_names(values, names, encoders.names, arm, hint).ravel()
-        has = [name != NONE for name in encoders.names or tendons]
+        has_reading = [name != NONE for name in encoders.names or tendons]
     else:
         if len(message.name) > len(tendons):
             raise TensionError(
                 f'{len(message.name)} displacements, this arm has {len(tendons)} tendons'
             )
-        given = values_by_name(message.name, message.position, 'position')
-        check_displacements(arm, {name: float(value) for name, value in given.items()}, {})
-        readings = np.array([given.get(name, 0.0) for name in tendons])
-        has = [name in given for name in tendons]
-    lengths = zip(tendons, encoders.lengths(readings).tolist(), has, strict=True)
-    found = {name: length for name, length, is_read in lengths if is_read}
-    check_displacements(arm, found, {})
-    return found
+        by_name = values_by_name(message.name, message.position, 'position')
+        check_displacements(arm, {name: float(value) for name, value in by_name.items()}, {})
+        readings = np.array([by_name.get(name, 0.0) for name in tendons])
+        has_reading = [name in by_name for name in tendons]
+    lengths = zip(tendons, encoders.lengths(readings).tolist(), has_reading, strict=True)
+    displacements = {name: length for name, length, is_read in lengths if is_read}
+    check_displacements(arm, displacements, {})
+    return displacements
