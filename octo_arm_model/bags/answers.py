@@ -1,4 +1,4 @@
-"""Answers of the node: shapes and their messages, many sets of tensions at a time."""
+"""The node's answers to messages in a bag: shapes and their messages, solved in batches."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ from octo_arm_model.wire.backbone import (
     BackboneWriter,
 )
 
-_KNOWN = np.zeros((6, 6))  # covariance of a tip that nothing is uncertain of
-# What differs between the shapes of a batch, of all that is written.
+_KNOWN = np.zeros((6, 6))  # covariance of the tip of an arm without uncertainty
+# The fields that are written and that differ between the shapes of a batch.
 _OF_EACH = ('tensions', 'position', 'quaternion', 'tau', 'xi', 'k', 'q')
 
 
@@ -31,12 +31,12 @@ class Answer(NamedTuple):
     """The answer to one message of tensions or displacements.
 
     Attributes:
-        messages: bytes of the message on each of the topics, in their order, but on
-            `TENSION_ESTIMATES`, the last, only where tendons are driven by length; None instead
-            of one that cannot be written. None at all where there is no trustworthy answer.
-        reason: why one or all are missing, or ''.
-        is_failure: whether the model had no answer, and not the message nothing for the arm.
-        backbone: the shape; None where there is no trustworthy answer.
+        messages: bytes of the message on each of the topics, in order; `TENSION_ESTIMATES`, the
+            last, only if tendons are driven by length. None replaces a message that cannot be
+            written. It is empty if there is no trustworthy answer.
+        reason: reason why one or all messages are missing, or ''.
+        is_failure: whether the model had no answer, as opposed to a message that was refused.
+        backbone: the shape; None if there is no trustworthy answer.
     """
 
     messages: Sequence[bytes | None]
@@ -46,11 +46,11 @@ class Answer(NamedTuple):
 
 
 class Answers:
-    """Answers what drives one arm, in its order, as the node does but for rounding.
+    """Answers the messages that drive one arm, in order, as the node does but for rounding.
 
     Attributes:
-        topics: what it answers on, of `ANSWERS`.
-        is_quick: whether sets are solved in batches, many times quicker than one by one.
+        topics: the topics of `ANSWERS` that have answers.
+        is_quick: whether sets are solved in batches, which is many times quicker.
     """
 
     def __init__(
@@ -62,8 +62,8 @@ class Answers:
     ) -> None:
         """Answer for the arm of ``config``.
 
-        ``lengths`` says whether with those of its tendons, and ``displacements`` whether any come.
-        With a ``step`` [s] the arm moves, and its shapes are no equilibria.
+        ``lengths`` adds lengths of tendons to answers; ``displacements`` says whether there will
+        be any to answer. With a ``step`` [s] the arm moves, and its shapes are not equilibria.
 
         Raises:
             ConfigError: if the model does not cover the arm or its loads.
@@ -72,8 +72,8 @@ class Answers:
         self._config = config
         self._motion = None if step is None else DrivenMotion(config.dynamics(), step)
         self._solver = config.solver() if self._motion is None else self._motion.dynamics.solver
-        wanted = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: displacements}
-        self.topics = tuple(topic for topic in ANSWERS if wanted.get(topic, True))
+        is_used = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: displacements}
+        self.topics = tuple(topic for topic in ANSWERS if is_used.get(topic, True))
         self._winding = DrivenArm()
         grid = self._solver.grid
         self._writer = BackboneWriter(
@@ -89,51 +89,50 @@ class Answers:
         )
 
     def answer(self, readings: Sequence[Reading]) -> list[Answer]:
-        """An answer to each of ``readings``."""
-        good = [reading for reading in readings if not reading.is_refused]
-        found = (
-            iter(self._answer_together(good)) if self.is_quick else map(self._answer_alone, good)
-        )
+        """Return an answer to each of ``readings``."""
+        readable = [reading for reading in readings if not reading.is_refused]
+        alone = map(self._answer_alone, readable)
+        answers = iter(self._answer_together(readable)) if self.is_quick else alone
         return [
-            Answer((), reading.reason) if reading.is_refused else next(found)
+            Answer((), reading.reason) if reading.is_refused else next(answers)
             for reading in readings
         ]
 
     def _answer_alone(self, reading: Reading) -> Answer:
-        given = reading.stamp_ns, reading.tensions, reading.displacements
+        arguments = reading.stamp_ns, reading.tensions, reading.displacements
         has_lengths, motion = TENDON_LENGTHS in self.topics, self._motion
         lengths: FloatArray | None = None
         try:
             if motion is None:
-                found = self._winding.answer(self._solver, self._config, None, *given)
-                lengths = self._solver.tendon_lengths(found.backbone) if has_lengths else None
+                solved = self._winding.answer(self._solver, self._config, None, *arguments)
+                lengths = self._solver.tendon_lengths(solved.backbone) if has_lengths else None
                 are_wound = bool(self._winding.displacements)
             else:
-                motion.read(*given)
+                motion.read(*arguments)
                 state, are_wound = motion.state, motion.is_wound
-                found = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
+                solved = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
                 if self._config.uncertainty.is_any:
                     unknown = ConfigError('the covariance of an arm that moves is not known')
-                    found = found._replace(covariance=None, unknown=unknown)
+                    solved = solved._replace(covariance=None, unknown=unknown)
                 lengths = motion.dynamics.tendon_lengths(state) if has_lengths else None
         except OctoArmError as error:
-            # Displacements may be those of tendons that the arm does not have.
+            # Displacements may be of tendons that the arm does not have.
             return Answer((), str(error), is_failure=isinstance(error, SolveError))
-        backbone, covariance, why = found
+        backbone, covariance, unknown_reason = solved
         writer, stamp = self._writer, reading.stamp
-        known = _KNOWN if covariance is None else covariance
-        messages: list[bytes | None] = [*writer.all(backbone, known, *stamp)]
+        tip_covariance = _KNOWN if covariance is None else covariance
+        messages: list[bytes | None] = [*writer.all(backbone, tip_covariance, *stamp)]
         if covariance is None:
             messages[self.topics.index(TIP_POSE)] = None
         if lengths is not None:
             messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
         if are_wound:
             messages.append(writer.tensions(backbone.tensions, *stamp))
-        reason = '' if why is None else f'{TIP_POSE} unknown: {why}'
+        reason = '' if unknown_reason is None else f'{TIP_POSE} unknown: {unknown_reason}'
         return Answer(messages, reason, backbone=backbone)
 
     def notes(self) -> list[str]:
-        """What else there is to know."""
+        """Return remarks on the answers for the report."""
         if self._motion is None or self._motion.starts < 2:
             return []
         return [
@@ -147,13 +146,13 @@ class Answers:
         sets = [np.asarray(reading.tensions) for reading in readings]
         tensions = np.concatenate(sets).reshape(-1, *sets[0].shape)
         answers: list[Answer] = []
-        for part, found in solve_parts(self._solver, tensions):
-            if isinstance(found, SolveError):
-                answers.append(Answer((), str(found), is_failure=True))
+        for part, solved in solve_parts(self._solver, tensions):
+            if isinstance(solved, SolveError):
+                answers.append(Answer((), str(solved), is_failure=True))
                 continue
             for number, reading in enumerate(readings[part]):
                 shape = dataclasses.replace(
-                    found, **{name: getattr(found, name)[number] for name in _OF_EACH}
+                    solved, **{name: getattr(solved, name)[number] for name in _OF_EACH}
                 )
                 messages = [*self._writer.all(shape, _KNOWN, *reading.stamp)]
                 answers.append(Answer(messages, backbone=shape))

@@ -39,40 +39,39 @@ PRESET = 'renda2012_prototype'
 CAMERA_POSITION = (0.12, 0.05, 0.60)  # [m]
 CAMERA_QUATERNION = (0.8, -0.36, 0.288, 0.384)  # x, y, z, w
 TOUCH_DIRECTION = (0.0, 0.6, 0.8)  # in base_frame
-# Parts of the time that a tension is held: before a touch, and while it grows; it ends likewise.
+# When a touch begins and has its full force, over the time of a tension; it ends symmetrically.
 _TOUCH_AFTER, _TOUCH_GROWN = 0.125, 0.1875
-_LEVELS = 41  # tensions that encoders are computed at, between which they are interpolated
-_MOST_AHEAD = 1e8  # [s] of a clock: seconds of a stamp are an int32
+_LEVELS = 41  # tensions at which encoders are computed; others are interpolated
+_MOST_AHEAD = 1e8  # bound of a clock offset [s], as seconds of a stamp are an int32
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Parameters of a simulation and the noise of its sensors; see `add_demo`.
+    """The parameters of the simulated experiment of `add_demo`, and the noise of its sensors.
 
     Attributes:
         stiffness: true Young's modulus over that of the config [-].
-        clock_offset: how far the camera's clock is ahead [s].
-        hold: how long each tension is held [s].
-        ramp: how long it takes to the next [s].
-        tension_rate: messages of tensions a second [Hz].
-        camera_rate: midlines a second [Hz].
+        clock_offset: time by which the camera's clock is ahead [s].
+        hold: time for which each tension is held [s].
+        ramp: time from one tension to the next [s].
+        tension_rate: messages of tensions per second [Hz].
+        camera_rate: midlines per second [Hz].
         tension_noise: standard deviation of the tension of the tendon that is pulled [N].
         midline_noise: standard deviation of each coordinate of a midline [m].
         dropped: share of the midlines that are missing [-].
-        outliers: share of the midlines with points that are nowhere near the arm [-].
-        sheath: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. With it, or
-            with the next, the encoders of the winches are recorded as well.
-        axial_stiffness: true E A of the tendons themselves [N]; 0 for that of the config.
-        encoder_noise: standard deviation of what an encoder reads [m].
-        friction: coefficient of friction of the tendons [-]; where there is some, the tensions go
-            down again the way they came.
-        touch: force on the tip [N] along `TOUCH_DIRECTION`, while the middle tension is held. With
-            it the pose of the tip is measured as well.
+        outliers: share of the midlines with points far from the arm [-].
+        sheath: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. Encoders of
+            the winches are recorded only with this or the next.
+        axial_stiffness: true E A of the tendons [N]; 0 for that of the config.
+        encoder_noise: standard deviation of the reading of an encoder [m].
+        friction: coefficient of friction of the tendons [-]; with it tensions also go down again.
+        touch: force on the tip [N] along `TOUCH_DIRECTION` while the middle tension is held; with
+            it the pose of the tip is measured too.
         markers: arc coordinates of markers that are measured [m].
-        marker_rate: poses of the tip, and frames of markers, a second [Hz].
+        marker_rate: poses of the tip, and messages of markers, per second [Hz].
         marker_noise: standard deviation of each coordinate of tip and markers [m].
-        turn_noise: of each component of the rotation vector of the tip [rad].
-        seed: of everything random.
+        turn_noise: standard deviation of each component of the tip's rotation vector [rad].
+        seed: seed of all random numbers.
 
     Raises:
         ArmDefinitionError: if a value is impossible.
@@ -100,7 +99,7 @@ class Experiment:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Validate what the command line sets."""
+        """Check the values that the command line sets."""
         positive('--stiffness', self.stiffness, '-')
         within('--clock-offset', self.clock_offset, -_MOST_AHEAD, _MOST_AHEAD, 's')
         not_negative('--sheath', self.sheath, 'stiffness', 'Pa')
@@ -109,32 +108,32 @@ class Experiment:
         not_negative('--touch', self.touch, 'force', 'N')
         whole('--seed', self.seed)
         if self.touch and (self.sheath or self.axial_stiffness):
-            # Encoders are interpolated over the tensions alone.
+            # Encoders are interpolated over the tensions only.
             raise ConfigError('--touch does not go with --sheath or --axial-stiffness')
 
     def schedule(self, config: Config) -> tuple[FloatArray, FloatArray]:
-        """Corners of the tension of the first tendon over time: [s] and [N].
+        """Return the corners of the tension of the first tendon over time: [s] and [N].
 
-        Those of the paper's Table 1 one after the other, or as large a part of what other arms
-        than its prototype bear.
+        The tensions are those of the paper's Table 1. For an arm other than its prototype they are
+        scaled by the largest tensions that the two arms can bear.
         """
         prototype = load_config(preset_path(PRESET)).arm
-        bears, usual = (default_highest(arm).flat[0] for arm in (config.arm, prototype))
-        held = np.concatenate([[0.0], np.array(list(PROTOTYPE_ERRORS)) * (bears / usual)])
+        limit, usual_limit = (default_highest(arm).flat[0] for arm in (config.arm, prototype))
+        held = np.concatenate([[0.0], np.array(list(PROTOTYPE_ERRORS)) * (limit / usual_limit)])
         if self.friction:
             held = np.concatenate([held, held[-2:0:-1]])
-        begins = np.arange(held.size) * (self.hold + self.ramp)
-        return np.stack([begins, begins + self.hold], axis=1).ravel(), np.repeat(held, 2)
+        starts = np.arange(held.size) * (self.hold + self.ramp)
+        return np.stack([starts, starts + self.hold], axis=1).ravel(), np.repeat(held, 2)
 
     def touches(self, time: FloatArray, corners: FloatArray) -> FloatArray:
-        """Force on the tip at each ``time`` (n,) [s], (n, 3) [N]; ``corners`` of the tension."""
+        """Return the force on the tip (n, 3) [N] at ``time`` (n,) [s], by times of `schedule`."""
         parts = [_TOUCH_AFTER, _TOUCH_GROWN, 1.0 - _TOUCH_GROWN, 1.0 - _TOUCH_AFTER]
-        at = corners[2 * (len(corners) // 4)] + self.hold * np.array(parts)
-        return np.outer(np.interp(time, at, [0.0, self.touch, self.touch, 0.0]), TOUCH_DIRECTION)
+        t = corners[2 * (len(corners) // 4)] + self.hold * np.array(parts)
+        return np.outer(np.interp(time, t, [0.0, self.touch, self.touch, 0.0]), TOUCH_DIRECTION)
 
 
 def custom_data(experiment: Experiment) -> dict[str, str]:
-    """Custom data for the metadata of a demo: its parameters, and the text of the topic note."""
+    """Return custom data for the metadata of a demo: its parameters, and the text of the note."""
     camera = {'camera_position': CAMERA_POSITION, 'camera_quaternion': CAMERA_QUATERNION}
     truth = json.dumps({'model': 'exact', **asdict(experiment), **camera})
     note = (
@@ -145,15 +144,15 @@ def custom_data(experiment: Experiment) -> dict[str, str]:
 
 
 class TrueArm:
-    """Its shapes and lengths while the first tendon is pulled.
+    """The simulated arm, and its shapes and lengths while the first tendon is pulled.
 
     Attributes:
-        config: what it is.
-        solver: of its shape.
+        config: the description of the arm.
+        solver: the solver of its shape.
     """
 
     def __init__(self, parameters: Mapping[str, Any], experiment: Experiment) -> None:
-        """Change the arm of ``parameters`` as the ``experiment`` says."""
+        """Change the arm of ``parameters`` to the true values of the ``experiment``."""
         changed: dict[str, Any] = {'model': 'exact'}
         for name in ('material.youngs_modulus', 'material.table_youngs_modulus'):
             if parameters.get(name):
@@ -169,25 +168,25 @@ class TrueArm:
         self.solver = self.config.solver()
 
     def reeled_in(self, pulls: FloatArray) -> FloatArray:
-        """Lengths that the winches of all tendons have reeled in, (pulls, tendons) [m].
+        """Return the lengths that all winches have reeled in, (n, tendons) [m].
 
-        Under one pull after another [N].
+        ``pulls`` (n,) [N] are the tensions of the first tendon, one after another.
         """
         if self.config.arm.friction:
-            # They depend on the pulls before.
+            # The lengths depend on the pulls before.
             shapes = self.shapes(pulls, np.zeros((pulls.size, 3)))
             return np.array([displacements_of(self.solver, shape).ravel() for shape in shapes])
         levels = np.linspace(0.0, pulls.max(), _LEVELS)
-        known = [
+        reeled = [
             displacements_of(self.solver, self.solver.solve(self._tensions(level))).ravel()
             for level in levels
         ]
-        return np.asarray(CubicSpline(levels, known)(pulls))
+        return np.asarray(CubicSpline(levels, reeled)(pulls))
 
     def shapes(self, pulls: FloatArray, forces: FloatArray) -> list[Backbone]:
-        """Shapes under one pull after another [N], with ``forces`` (pulls, 3) on the tip [N]."""
+        """Return the shapes under ``pulls`` (n,) [N], with ``forces`` (n, 3) [N] on the tip."""
         last: Backbone | None = None
-        found: list[Backbone] = []
+        shapes: list[Backbone] = []
         for pull, force in zip(pulls, forces, strict=True):
             tensions, wrench = self._tensions(pull), np.append(force, np.zeros(3))
             if (
@@ -196,8 +195,8 @@ class TrueArm:
                 or (wrench != last.tip_wrench).any()
             ):
                 last = self.solver.follow(tensions, last, wrench if wrench.any() else None)
-            found.append(last)
-        return found
+            shapes.append(last)
+        return shapes
 
     def _tensions(self, pull: float) -> FloatArray:
         arm = self.config.arm
@@ -207,18 +206,17 @@ class TrueArm:
 
 
 START = 1_335_830_400 * 10**9  # 1 May 2012 [ns]
-_POINTS = 41  # of a midline
+_POINTS = 41  # in a midline
 
 
 def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Experiment) -> None:
     """Write a simulated ``experiment`` on the arm of ``parameters``, the same for the same seed.
 
-    The first tendon is pulled by the tensions of the paper's Table 1 one after the other (by as
-    large a part of what other arms than its prototype bear). What a camera sees of the arm is the
-    answer of the model exact, in the camera's frame and with the stamps of its clock.
+    The first tendon is pulled by the tensions of `Experiment.schedule`. The midlines are shapes of
+    the model exact in the camera's frame, with stamps of the camera's clock.
 
     Raises:
-        OctoArmError: if the parameters are those of no arm, or a marker is not on it, or the bag
+        OctoArmError: if the parameters describe no valid arm, a marker is not on it, or the bag
             cannot be written.
     """
     config = Config.from_parameters(parameters)
@@ -227,60 +225,60 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     rng = np.random.default_rng(experiment.seed)
     times, pulls = experiment.schedule(config)
     messages = SensorMessages(writer, config, 'camera')
-    true = TrueArm(parameters, experiment)
+    arm = TrueArm(parameters, experiment)
     writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
     writer.add_text('/note', custom_data(experiment)['note'], START)
 
-    sampled = np.arange(0.0, times[-1], 1.0 / experiment.tension_rate)
-    measured = np.interp(sampled, times, pulls)
+    samples = np.arange(0.0, times[-1], 1.0 / experiment.tension_rate)
+    readings = np.interp(samples, times, pulls)
     # The load cell of a slack tendon reads zero, without noise.
-    noise = experiment.tension_noise * rng.standard_normal(measured.size)
-    measured = np.where(measured > 0.0, np.maximum(measured + noise, 0.0), 0.0)
-    tensions = np.zeros((measured.size, len(config.arm.tendons)))
-    tensions[:, 0] = measured
-    messages.add_all(TENSIONS, _stamps(sampled), tensions)
+    noise = experiment.tension_noise * rng.standard_normal(readings.size)
+    readings = np.where(readings > 0.0, np.maximum(readings + noise, 0.0), 0.0)
+    tensions = np.zeros((readings.size, len(config.arm.tendons)))
+    tensions[:, 0] = readings
+    messages.add_all(TENSIONS, _stamps(samples), tensions)
 
     if experiment.sheath or experiment.axial_stiffness:
-        reeled_in = true.reeled_in(np.interp(sampled, times, pulls))
-        # Random numbers of their own: all else is the same with encoders and without.
+        reeled_in = arm.reeled_in(np.interp(samples, times, pulls))
+        # A separate generator, so that all else is the same with encoders and without.
         noise = np.random.default_rng([experiment.seed, 1]).standard_normal(reeled_in.shape)
         reeled_in += experiment.encoder_noise * noise
-        messages.add_all(DISPLACEMENTS, _stamps(sampled), reeled_in)
+        messages.add_all(DISPLACEMENTS, _stamps(samples), reeled_in)
 
-    seen = np.arange(0.0, times[-1], 1.0 / experiment.camera_rate)
-    seen = seen[rng.random(seen.size) >= experiment.dropped]
-    shapes = true.shapes(np.interp(seen, times, pulls), experiment.touches(seen, times))
-    at = np.linspace(0.0, shapes[0].s[-1], _POINTS)
-    points = np.array([interpolated(at, shape.s, shape.position) for shape in shapes])
-    # Row vectors times the matrix are rotated by its inverse: base_frame to the camera's.
+    instants = np.arange(0.0, times[-1], 1.0 / experiment.camera_rate)
+    instants = instants[rng.random(instants.size) >= experiment.dropped]
+    shapes = arm.shapes(np.interp(instants, times, pulls), experiment.touches(instants, times))
+    places = np.linspace(0.0, shapes[0].s[-1], _POINTS)
+    points = np.array([interpolated(places, shape.s, shape.position) for shape in shapes])
+    # A row vector times the matrix is rotated by its inverse, from base_frame to the camera's.
     midlines = (points - CAMERA_POSITION) @ axes_of(CAMERA_QUATERNION)
     midlines += experiment.midline_noise * rng.standard_normal(midlines.shape)
     for midline in midlines:
         if rng.random() < experiment.outliers:
-            # From a random point on the tracking is lost, as at a reflection.
+            # The tracking is lost from a random point on, as at a reflection.
             lost = slice(int(rng.integers(_POINTS // 4, _POINTS)), None)
             midline[lost] += rng.normal(0.0, 0.05 * config.arm.length, 3)
     ahead = round(1e9 * experiment.clock_offset)
-    messages.add_all(MIDLINE, _stamps(seen), midlines, ahead_ns=ahead)
+    messages.add_all(MIDLINE, _stamps(instants), midlines, ahead_ns=ahead)
     if experiment.touch or experiment.markers:
-        seen = np.arange(0.0, times[-1], 1.0 / experiment.marker_rate)
-        shapes = true.shapes(np.interp(seen, times, pulls), experiment.touches(seen, times))
-        _add_measured(messages, seen, shapes, experiment)
+        instants = np.arange(0.0, times[-1], 1.0 / experiment.marker_rate)
+        shapes = arm.shapes(np.interp(instants, times, pulls), experiment.touches(instants, times))
+        _add_measured(messages, instants, shapes, experiment)
     messages.write()
 
 
 def _add_measured(
     messages: SensorMessages, times: FloatArray, shapes: Sequence[Backbone], experiment: Experiment
 ) -> None:
-    """Add what is measured of ``shapes`` at ``times`` (n,) [s] besides midlines."""
-    # Random numbers of their own: all else is the same with a touch and without.
+    """Add the poses of the tip and the markers of ``shapes`` at ``times`` (n,) [s]."""
+    # A separate generator, so that all else is the same with a touch and without.
     rng = np.random.default_rng([experiment.seed, 2])
     stddev = np.repeat([experiment.marker_noise, experiment.turn_noise], 3)
     for stamp, shape in zip(_stamps(times), shapes, strict=True):
         if experiment.touch:
             error = stddev * rng.standard_normal(6)
-            turned = Rotation.from_rotvec(error[3:]) * Rotation.from_quat(shape.quaternion[-1])
-            pose = shape.tip + error[:3], turned.as_quat(), np.diag(stddev**2)
+            rotation = Rotation.from_rotvec(error[3:]) * Rotation.from_quat(shape.quaternion[-1])
+            pose = shape.tip + error[:3], rotation.as_quat(), np.diag(stddev**2)
             messages.add(TIP_POSE, stamp, pose[0][np.newaxis], *pose[1:])
         if experiment.markers:
             points = interpolated(np.array(experiment.markers), shape.s, shape.position)
@@ -289,7 +287,7 @@ def _add_measured(
 
 
 def _stamps(times: FloatArray) -> list[int]:
-    """Stamps [ns] of ``times`` from the start [s]."""
+    """Return the stamps [ns] of ``times`` [s] from the start."""
     return [START + round(time * 1e9) for time in times.tolist()]
 
 
@@ -300,32 +298,32 @@ def estimate_output(
     models: Mapping[str, ArmModel],
     start_ns: int,
 ) -> Callable[[str, Estimate, int, int], None]:
-    """A function that writes an estimate by a hypothesis, its stamp and time of receipt [ns].
+    """Return a function that writes an estimate of a hypothesis with stamp and receipt [ns].
 
-    It writes to topics in the namespace ``prefix``, with its slash, by ``writer``. The arm of
-    ``parameters`` is described there as of ``start_ns`` [ns]; it is estimated by ``models``, named
-    as the hypotheses.
+    It writes by ``writer`` to topics in the namespace ``prefix``, which ends with a slash. The arm
+    of ``parameters`` is described there at the time ``start_ns`` [ns]. ``models`` are those of the
+    hypotheses, by name.
 
     Raises:
-        BagError: if the bag cannot be written, as the function does.
+        BagError: if the bag cannot be written, also by the function.
         ConfigError: by the function, if no stamp can hold the time.
     """
     frame = Config.from_parameters(parameters).base_frame
-    messages = {name: EstimateMessages(frame, one) for name, one in models.items()}
+    messages = {name: EstimateMessages(frame, model) for name, model in models.items()}
     writer.add_text(prefix + DESCRIPTION, parameters_as_yaml(parameters), start_ns)
 
     def write(hypothesis: str, estimate: Estimate, stamp_ns: int, received_ns: int) -> None:
-        found = messages[hypothesis].write(estimate, *Stamp.from_ns(stamp_ns))
+        written = messages[hypothesis].write(estimate, *Stamp.from_ns(stamp_ns))
         writer.write(
             (writer.add(prefix + topic, ESTIMATES[topic]), received_ns, data)
-            for topic, data in found.items()
+            for topic, data in written.items()
         )
 
     return write
 
 
 def copy_bag(reader: BagReader, writer: BagWriter, prefix: str) -> dict[str, str]:
-    """Copy what is in a bag but estimates of the arm of ``prefix``; topics not copied, and why.
+    """Copy a bag without estimates of the arm of ``prefix``; return topics not copied, and why.
 
     Raises:
         BagError: if a bag is damaged or cannot be written.
@@ -333,8 +331,8 @@ def copy_bag(reader: BagReader, writer: BagWriter, prefix: str) -> dict[str, str
     copies, left_out = open_copies(
         reader, writer, {prefix + topic for topic in (*ESTIMATES, DESCRIPTION)}
     )
-    left_out.pop(prefix + DESCRIPTION, None)  # it is the same
-    # One by one: many large messages at once may not fit into memory.
+    left_out.pop(prefix + DESCRIPTION, None)  # the description is the same
+    # Messages are copied one by one, because many large ones may not fit into memory.
     writer.write(
         (connection, record.received_ns, record.data)
         for record in reader.messages(sorted({topic for topic, _ in copies}))
@@ -351,25 +349,25 @@ def add_motion(
     ``parameters`` are those of its file.
 
     Raises:
-        OctoArmError: if the bag cannot be written, or the motion ends.
+        OctoArmError: if the bag cannot be written, or the motion cannot be computed further.
     """
     writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
-    made, known = list[Moment](), np.zeros((6, 6))
+    written, exact = list[Moment](), np.zeros((6, 6))
 
     def messages() -> Iterator[Message]:
         layout: BackboneWriter | None = None
         for moment in moments:
-            made.append(moment)
+            written.append(moment)
             shape, received = moment.backbone, START + round(moment.time * 1e9)
             if layout is None:
-                described = config.base_frame, shape.model, shape.s, shape.section
-                layout = BackboneWriter(*described, config.arm.tendon_names)
+                arguments = config.base_frame, shape.model, shape.s, shape.section
+                layout = BackboneWriter(*arguments, config.arm.tendon_names)
             stamp = Stamp.from_ns(received)
             tensions = writer.add(f'/{TENSIONS}', TENSION_TOPICS[TENSIONS].type_name)
             yield tensions, received, layout.tensions(shape.tensions, *stamp)
-            answers = layout.all(shape, known, *stamp)
-            for (topic, kind), data in zip(BACKBONE_TOPICS.items(), answers, strict=True):
-                yield writer.add(f'/{topic}', kind), received, data
+            answers = layout.all(shape, exact, *stamp)
+            for (topic, type_name), data in zip(BACKBONE_TOPICS.items(), answers, strict=True):
+                yield writer.add(f'/{topic}', type_name), received, data
 
     writer.write(messages())
-    return made
+    return written

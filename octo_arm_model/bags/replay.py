@@ -1,4 +1,4 @@
-"""A bag of tensions or displacements replayed: the answers of the node, and a report."""
+"""The replay of a bag of tensions or displacements: the node's answers, and a report."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,22 +19,22 @@ from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.wire.messages import Refusals
 
-_LISTED = 100  # of the messages left out of each topic; all are counted
+_LISTED = 100  # messages left out that are listed for each topic; all are counted
 
 
 @dataclass
 class TopicReport:
-    """How the messages of one topic of tensions or displacements were answered.
+    """The answers to the messages of one topic of tensions or displacements.
 
     Attributes:
-        model: what answered them.
-        answered: how many have an answer.
-        refused: how many hold nothing that drives this arm.
-        failed: how many the model had no trustworthy answer to.
-        unsorted: how many have a stamp before that of the last one.
-        skips: stamps [ns] of the first of those refused and failed, and why.
-        reasons: how many answers, or poses of the tip, are missing for each reason, by an
-            example of it.
+        model: name of the model that answered.
+        answered: number of messages with an answer.
+        refused: number of messages that hold nothing that drives this arm.
+        failed: number of messages for which the model had no trustworthy answer.
+        unsorted: number of messages with a stamp before that of the last one.
+        skips: stamps [ns] of the first messages that were refused or failed, and the reasons.
+        reasons: number of missing answers, or poses of the tip, by example of the reason.
+
     """
 
     model: str
@@ -47,7 +47,7 @@ class TopicReport:
     refusals: Refusals = field(default_factory=Refusals)
 
     def count(self, stamp_ns: int, answer: Answer) -> None:
-        """Count an ``answer``."""
+        """Count an ``answer`` to a message with a stamp [ns]."""
         if answer.messages:
             self.answered += 1
             if answer.reason:
@@ -67,10 +67,10 @@ class Report:
     """The result of a replay.
 
     Attributes:
-        topics: how the messages of each topic of tensions or displacements were answered.
-        copied: how many messages were copied.
-        not_copied: topics that were to be and were not, and why.
-        notes: what else there is to know.
+        topics: report of each topic of tensions or displacements.
+        copied: number of messages that were copied.
+        not_copied: topics that could not be copied, and the reasons.
+        notes: further remarks.
     """
 
     topics: dict[str, TopicReport]
@@ -80,7 +80,7 @@ class Report:
 
 
 def _check_answered(path: Path, report: Report) -> None:
-    """Refuse a replay without a single answer: SolveError if the model had none, or BagError."""
+    """Raise SolveError or BagError if there is no answer, as the model failed or otherwise."""
     if any(topic.answered for topic in report.topics.values()):
         return
     for name, topic in report.topics.items():
@@ -98,9 +98,9 @@ STATIONS = ('topic', 'stamp [ns]', 'time [s]', *STATION_COLUMNS)
 
 
 class CsvAnswers(CsvFiles):
-    """Writes stations.csv, a row for each station of each answer, and tensions, a file a topic.
+    """Writes stations.csv, with a row for each station of each answer, and tensions by topic.
 
-    The tensions are as `octo-arm play` reads them. Times count from the first answer.
+    `octo-arm play` reads the files of tensions. Times count from the first answer.
     """
 
     def __init__(self, folder: Path, topics: Sequence[str]) -> None:
@@ -118,7 +118,7 @@ class CsvAnswers(CsvFiles):
             else [f'tensions{re.sub("[^A-Za-z0-9_]", "_", topic)}.csv' for topic in topics]
         )
         self._tensions = {topic: self.open(folder / name) for topic, name in zip(topics, names)}
-        self._begun: set[str] = set()
+        self._started: set[str] = set()
         self._origin: int | None = None
 
     def write(self, topic: str, stamp_ns: int, shape: Backbone, tendons: Sequence[str]) -> None:
@@ -126,16 +126,16 @@ class CsvAnswers(CsvFiles):
         if self._origin is None:
             self._origin = stamp_ns
         time = round(1e-9 * (stamp_ns - self._origin), 9)
-        if topic not in self._begun:
-            self._begun.add(topic)
+        if topic not in self._started:
+            self._started.add(topic)
             self._tensions[topic].writerow(tension_columns(tendons))
         self._tensions[topic].writerow([time, *shape.tensions.ravel().tolist()])
         self._stations.writerows([topic, stamp_ns, time, *row] for row in station_rows(shape))
 
 
 _WRENCH = 'tip_wrench'
-_TOGETHER = 128  # messages of tensions at a time, and less where others come between
-_LARGEST = 8 * 2**20  # messages at a time [bytes]
+_BATCH = 128  # most messages of tensions in a batch
+_LARGEST = 8 * 2**20  # bytes of messages at which a batch ends
 
 
 def replay(  # noqa: PLR0913 - options by keyword
@@ -149,16 +149,16 @@ def replay(  # noqa: PLR0913 - options by keyword
     table: CsvAnswers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Report:
-    """Write the answers to what drives the arms, with its stamps and received when it was.
+    """Write the answers to all tensions and displacements, with their stamps and receipt times.
 
     Args:
         reader: the bag to read.
         writer: the bag to write.
-        arms: whose tensions and displacements they are, see `find_arms`.
-        copy: whether to copy what is in the bag already.
+        arms: the arms and their topics, from `find_arms`.
+        copy: whether to copy the other messages of the bag.
         lengths: whether to answer with the lengths of the tendons too.
-        step: of the motion [s]; None for equilibria, as the node answers.
-        table: where answers go besides.
+        step: step of the motion [s]; None for equilibria, as the node answers.
+        table: CSV files that answers are written to as well.
         progress: called with the numbers of messages done and of all.
 
     Raises:
@@ -174,10 +174,10 @@ def replay(  # noqa: PLR0913 - options by keyword
             report.notes.append(f'{arm.prefix}{_WRENCH} is not applied, which the node would')
     written = {topic for output in outputs for topic in output.written}
     copies, report.not_copied = open_copies(reader, writer, written) if copy else ({}, {})
-    wanted = sorted({*of_topic, *(topic for topic, _ in copies)})
-    done, total = 0, reader.count(wanted)
+    topics = sorted({*of_topic, *(topic for topic, _ in copies)})
+    done, total = 0, reader.count(topics)
     progress(done, total)
-    for records in _together(reader.messages(wanted), of_topic):
+    for records in _batches(reader.messages(topics), of_topic):
         answers: dict[int, Answer] = {}
         for output in outputs:
             answers.update(output.answer(records, report, table))
@@ -189,13 +189,15 @@ def replay(  # noqa: PLR0913 - options by keyword
                 report.copied += 1
             if number in answers:
                 answered = zip(of_topic[record.topic].connections, answers[number].messages)
-                messages += [(one, received, data) for one, data in answered if data is not None]
+                messages += [
+                    (topic, received, data) for topic, data in answered if data is not None
+                ]
         writer.write(messages)
         done += len(records)
         progress(done, total)
-    for one in report.topics.values():
-        one.reasons = one.refusals.of('')
-        report.notes += [hint for hint in one.refusals.hints if hint not in report.notes]
+    for summary in report.topics.values():
+        summary.reasons = summary.refusals.of('')
+        report.notes += [hint for hint in summary.refusals.hints if hint not in report.notes]
     _check_answered(reader.path, report)
     report.notes += [note for output in outputs for note in output.answers.notes()]
     report.notes += reader.notes
@@ -206,11 +208,11 @@ class _Output:
     """Writes the answers of one arm into a bag.
 
     Attributes:
-        topics: those of its tensions and displacements.
-        written: those written for it.
-        model: name of what answers.
-        connections: where the answers go.
-        answers: what answers.
+        topics: topics of its tensions and displacements.
+        written: topics that are written for it.
+        model: name of the model.
+        connections: connections of the answers.
+        answers: the source of the answers.
     """
 
     def __init__(
@@ -239,7 +241,7 @@ class _Output:
     def answer(
         self, records: Sequence[Record], report: Report, table: CsvAnswers | None
     ) -> dict[int, Answer]:
-        """Answers to those of ``records`` that are of this arm, by their places."""
+        """Return the answers to the ``records`` of this arm, by their indices."""
         readings = {
             place: self._inputs[record.topic](record)
             for place, record in enumerate(records)
@@ -259,9 +261,9 @@ class _Output:
 def open_copies(
     reader: BagReader, writer: BagWriter, written: Iterable[str]
 ) -> tuple[dict[tuple[str, str], Connection], dict[str, str]]:
-    """Where to copy messages to, by topic and type, and which topics are not copied, and why.
+    """Return connections for copies by topic and type, and topics not copied, with the reasons.
 
-    Those ``written`` anew are not.
+    Topics that are ``written`` anew are not copied.
     """
     copies: dict[tuple[str, str], Connection] = {}
     left_out: dict[str, str] = {}
@@ -270,24 +272,24 @@ def open_copies(
         if source.topic in written:
             left_out[source.topic] = 'written anew'
         elif key not in copies:
-            copied = writer.add_copy(reader, source)
-            if copied is None:
+            copy = writer.add_copy(reader, source)
+            if copy is None:
                 left_out[source.topic] = f'nothing says what {source.msgtype} is'
             else:
-                copies[key] = copied
+                copies[key] = copy
     return copies, left_out
 
 
-def _together(records: Iterator[Record], topics: Mapping[str, object]) -> Iterator[list[Record]]:
-    """Messages in batches that hold some of ``topics`` and fit into memory."""
-    some: list[Record] = []
+def _batches(records: Iterator[Record], topics: Mapping[str, object]) -> Iterator[list[Record]]:
+    """Iterate over batches of messages that hold some of ``topics`` and fit into memory."""
+    batch: list[Record] = []
     count = size = 0
     for record in records:
-        some.append(record)
+        batch.append(record)
         count += record.topic in topics
         size += len(record.data)
-        if count >= _TOGETHER or size >= _LARGEST:
-            yield some
-            some, count, size = [], 0, 0
-    if some:
-        yield some
+        if count >= _BATCH or size >= _LARGEST:
+            yield batch
+            batch, count, size = [], 0, 0
+    if batch:
+        yield batch

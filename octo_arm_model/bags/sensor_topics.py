@@ -1,4 +1,4 @@
-"""Inputs of an estimator in a bag: its topics, and measurements by their stamps."""
+"""The inputs of an estimator in a bag: topics of sensors, and measurements by stamp."""
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -20,17 +20,17 @@ from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, Measur
 from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
 
-NONE = '-'  # in place of a topic that is not to be used
-MOST_MESSAGES = 1_000_000  # of all topics; they are kept until all are read
+NONE = '-'  # stands for a topic that is not used
+MOST_MESSAGES = 1_000_000  # of all topics, because they are kept in memory until all are read
 
 
 class StampedMeasurement(NamedTuple):
-    """A measurement, when it was made and when it was recorded.
+    """A measurement with its stamp and its time of receipt.
 
     Attributes:
-        stamp_ns: when [ns].
-        received_ns: when the recorder received it [ns].
-        measurement: what.
+        stamp_ns: time of the measurement [ns].
+        received_ns: time at which the recorder received it [ns].
+        measurement: the measurement.
     """
 
     stamp_ns: int
@@ -39,12 +39,12 @@ class StampedMeasurement(NamedTuple):
 
 
 class RecordedTensions(NamedTuple):
-    """Readings of load cells, calibrated, below zero where noise takes them there.
+    """Calibrated readings of load cells, which may be below zero by noise.
 
     Attributes:
-        stamps_ns: (n,) [ns].
-        received_ns: when the recorder received them, (n,) [ns].
-        rows: (n, tendons) [N].
+        stamps_ns: times of the readings, (n,) [ns].
+        received_ns: times at which the recorder received them, (n,) [ns].
+        rows: tensions, (n, tendons) [N].
     """
 
     stamps_ns: IntArray
@@ -54,12 +54,12 @@ class RecordedTensions(NamedTuple):
 
 @dataclass(frozen=True)
 class SensorTopics:
-    """The topics of one arm.
+    """The topics of the sensors of one arm.
 
     Attributes:
-        tensions: where those are; None for nowhere.
-        others: topics by their row of `MEASUREMENT_TOPICS`.
-        options: how each of these is read, besides its message and the arm.
+        tensions: source of the tensions; None if there are none.
+        others: topics by the names of their rows of `MEASUREMENT_TOPICS`.
+        options: further arguments of the reading of each of these, by topic.
     """
 
     tensions: Source | None
@@ -68,16 +68,16 @@ class SensorTopics:
 
     @property
     def all(self) -> list[str]:
-        """All of them."""
-        own = [] if self.tensions is None else [self.tensions.topic]
-        return [*own, *self.others.values()]
+        """All topics."""
+        tensions = [] if self.tensions is None else [self.tensions.topic]
+        return [*tensions, *self.others.values()]
 
     @property
     def prefix(self) -> str:
-        """Namespace of the first of a usual name, or else of the first, with the slash."""
+        """Namespace, with the slash, of the first topic of a usual name, or else of the first."""
         usual = (*TENSION_TOPICS, *MEASUREMENT_TOPICS)
-        known = [topic for topic in self.all if topics.names(topic, *usual)]
-        return topics.namespace((known or self.all)[0], usual)
+        named = [topic for topic in self.all if topics.names(topic, *usual)]
+        return topics.namespace((named or self.all)[0], usual)
 
 
 def find_sensors(
@@ -86,46 +86,45 @@ def find_sensors(
     others: Mapping[str, str | None] | None = None,
     marker_names: Sequence[str] = (),
 ) -> SensorTopics:
-    """The topics that an arm is estimated from.
+    """Find the topics that an arm is estimated from.
 
     Args:
         reader: the bag.
-        tensions: topic of the tensions, or TOPIC:FIELD, or `NONE`; None for the only one there is.
-        others: topics by their row of `MEASUREMENT_TOPICS`, of displacements and markers perhaps
-            TOPIC:FIELD, or `NONE`; None for those of the usual name, in whatever namespace.
-        marker_names: of the markers, see `points_of`.
+        tensions: topic of the tensions, or TOPIC:FIELD, or `NONE`; None for the only such topic.
+        others: topics by name in `MEASUREMENT_TOPICS`, or `NONE`; for displacements and markers
+            also TOPIC:FIELD. None takes those of the usual name in any namespace.
+        marker_names: names of the markers, as in `points_of`.
 
     Raises:
-        BagError: if a topic is missing, of another type, or there are several; if there is
-            nothing at all.
+        BagError: if a topic is missing, ambiguous or of another type, or nothing is measured.
     """
-    named = (one for one in (tensions, *(others or {}).values()) if one not in (None, NONE))
+    named = (topic for topic in (tensions, *(others or {}).values()) if topic not in (None, NONE))
     topics.offer_one_arm(reader, next(named, None))
-    found: dict[str, str] = {}
+    by_name: dict[str, str] = {}
     options: dict[str, dict[str, Any]] = {}
     for name, row in MEASUREMENT_TOPICS.items():
-        wanted = (others or {}).get(name)
-        if wanted == NONE:
+        given = (others or {}).get(name)
+        if given == NONE:
             continue
-        own: dict[str, Any] = {'names': marker_names} if name == MARKERS else {}
+        option: dict[str, Any] = {'names': marker_names} if name == MARKERS else {}
         if name == DISPLACEMENTS:
-            source = pick_displacements(reader, wanted) or Source('')
-            topic, own['field'] = source.topic, source.field
-        elif name == MARKERS and ':' in (wanted or ''):
-            topic, _, own['field'] = str(wanted).partition(':')
+            source = pick_displacements(reader, given) or Source('')
+            topic, option['field'] = source.topic, source.field
+        elif name == MARKERS and ':' in (given or ''):
+            topic, _, option['field'] = str(given).partition(':')
             topic = topics.pick_topic(reader, topic, None, name)
         else:
-            topic = topics.pick_usual(reader, wanted, name, (row.type_name,), name) or ''
+            topic = topics.pick_usual(reader, given, name, (row.type_name,), name) or ''
         if topic:
-            found[name], options[topic] = topic, own
-    cells: Source | None = None
+            by_name[name], options[topic] = topic, option
+    source_found: Source | None = None
     if tensions is not None and tensions != NONE:
-        cells = pick_tensions(reader, tensions)
+        source_found = pick_tensions(reader, tensions)
     elif tensions is None:
-        silent = [topic for topic in reader.topics if not reader.count([topic])]
-        only = topics.measured_topic(reader, TYPES, 'tensions', {*found.values(), *silent})
-        cells = None if only is None else Source(only)
-    sensors = SensorTopics(cells, found, options)
+        empty = [topic for topic in reader.topics if not reader.count([topic])]
+        only = topics.measured_topic(reader, TYPES, 'tensions', {*by_name.values(), *empty})
+        source_found = None if only is None else Source(only)
+    sensors = SensorTopics(source_found, by_name, options)
     if not sensors.all:
         raise BagError(
             f'{reader.path}: nothing is measured there, expected tensions or '
@@ -141,12 +140,12 @@ def read_tension_rows(
     refusals: Refusals,
     done: Callable[[int], None] = lambda count: None,
 ) -> RecordedTensions:
-    """All tensions, in the order in which they were received.
+    """Read all tensions, in the order in which they were received.
 
-    ``refusals`` count the messages left out; ``done`` is called with how many were read.
+    ``refusals`` count the messages left out; ``done`` is called with 1 for each message.
 
     Raises:
-        BagError: if the bag is damaged, or holds too much.
+        BagError: if the bag is damaged, or has too many messages.
     """
     if reader.count(sensors.all) > MOST_MESSAGES:
         count = reader.count(sensors.all)
@@ -156,12 +155,12 @@ def read_tension_rows(
         assert sensors.tensions is not None
         reading = sensors.tensions.read(reader, config, record, raw=True)
         row = np.zeros(0) if reading.tensions is None else reading.tensions.ravel()
-        # Those that are no numbers, too: the measurement would refuse them.
-        wrong = ~(np.abs(row) <= LARGEST)
+        # This holds for NaN too, which the measurement would refuse.
+        is_too_large = ~(np.abs(row) <= LARGEST)
         if reading.tensions is None:
             refusals.count(record.topic, reading.reason)
-        elif wrong.any():
-            number = int(wrong.argmax())
+        elif is_too_large.any():
+            number = int(is_too_large.argmax())
             reason = (
                 f'reading of {config.arm.tendon_names[number]} is {row[number]:g} N, expected a '
                 f'finite number of at most {LARGEST:g}'
@@ -184,24 +183,24 @@ def read_measured(
     refusals: Refusals,
     done: Callable[[int], None] = lambda count: None,
 ) -> list[list[StampedMeasurement]]:
-    """Everything measured, by its stamp: what has the same one is together.
+    """Read all measurements, sorted by stamp; those with the same stamp form a list.
 
     Raises:
         BagError: if the bag is damaged.
     """
-    found = [
+    stamped = [
         StampedMeasurement(int(stamp), int(received), Tensions(row, arm.noise.tension))
         for stamp, received, row in zip(*tensions)
     ]
-    rows = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
+    message_types = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
 
-    for record in reader.messages(list(rows)):
+    for record in reader.messages(list(message_types)):
         done(1)
-        read = partial(rows[record.topic].read, arm=arm, **sensors.options[record.topic])
+        read = partial(message_types[record.topic].read, arm=arm, **sensors.options[record.topic])
         stamp, measurement, reason = reader.read(record, read)
         if measurement is None:
             refusals.count(record.topic, reason)
         else:
-            found.append(StampedMeasurement(stamp.ns, record.received_ns, measurement))
-    found.sort(key=lambda one: one.stamp_ns)
-    return [list(group) for _, group in itertools.groupby(found, key=lambda one: one.stamp_ns)]
+            stamped.append(StampedMeasurement(stamp.ns, record.received_ns, measurement))
+    stamped.sort(key=lambda one: one.stamp_ns)
+    return [list(group) for _, group in itertools.groupby(stamped, key=lambda one: one.stamp_ns)]

@@ -1,7 +1,7 @@
-"""The files of bags, MCAP and SQLite: checked as they are read, and every size bounded.
+"""The files of bags, MCAP and SQLite: checked while they are read, with a bound on every size.
 
-What a file claims is never believed: records fit into it, chunks expand to what they say and no
-more, and the messages found are counted against its summary.
+Nothing that a file states is trusted: records must fit into it, chunks must expand to the stated
+size, and messages are counted and compared with its summary.
 """
 
 import functools
@@ -36,11 +36,11 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-LARGEST = 256 * 2**20  # bytes of a message, and of a chunk of messages
-LARGEST_OVERLAP = 4 * LARGEST  # bytes of the chunks that are open at one moment
-# A compressed file becomes so many times as large, and so much more.
+LARGEST = 256 * 2**20  # bytes in a message, and in a chunk of messages
+LARGEST_OVERLAP = 4 * LARGEST  # bytes in the chunks that are open at the same time
+# A compressed file may expand to this many times its size, plus this many bytes.
 _FILE_RATIO, _FILE_MORE = 1000, 64 * 2**20
-_PART = 2**20  # bytes read at once
+_PART = 2**20  # bytes that are read at a time
 _MAGIC = b'\x89MCAP0\r\n'
 _RECORD = struct.Struct('<BQ')  # kind, bytes that follow
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _STATISTICS = 2, 3, 4, 5, 6, 9, 11
@@ -55,14 +55,14 @@ _FORMATS = {
     'ros2idl': MessageDefinitionFormat.IDL,
     'omgidl': MessageDefinitionFormat.IDL,
 }
-Found = tuple[Connection, int, bytes]  # a message, and when it was received [ns]
+Found = tuple[Connection, int, bytes]  # connection, time of receipt [ns], and bytes of a message
 
 
 def check_file(path: Path) -> None:
-    """Refuse what is no regular file: reading a pipe would block.
+    """Refuse a ``path`` that is not a regular file, because reading a pipe would block.
 
     Raises:
-        ValueError: if ``path`` is no regular file, or not there.
+        ValueError: if ``path`` is not a regular file, or does not exist.
     """
     if not path.exists():
         raise ValueError(f'{path.name} is not there')
@@ -79,23 +79,23 @@ def check_file(path: Path) -> None:
 
 
 def check_size(size: int, what: str) -> None:
-    """Refuse what is too large for memory; ValueError if ``size`` is more than `LARGEST` bytes."""
+    """Raise ValueError if a ``size`` is more than `LARGEST` bytes, too large for memory."""
     if size > LARGEST:
         raise ValueError(f'{what} of {size} bytes, at most {LARGEST} are read')
 
 
 def checked_yaml(text: str, what: str) -> Any:
-    """Content of a text in YAML, see `load_yaml`.
+    """Return the content of a ``text`` in YAML.
 
     Raises:
-        BagError: if ``text`` is too large or too deep, aliases followed, or no YAML.
+        BagError: if ``text`` is too large or too deep, also by aliases, or is not YAML.
     """
     with reading(what, BagError):
         return load_yaml(text)
 
 
 def _expand_file(path: Path, folder: Path) -> Path:
-    """A file compressed by zstd, expanded into ``folder``; ValueError if out of proportion."""
+    """Expand a file compressed by zstd into ``folder``; ValueError if it expands too much."""
     check_file(path)
     most, size = _FILE_RATIO * path.stat().st_size + _FILE_MORE, 0
     expanded = folder / path.stem
@@ -111,12 +111,12 @@ def _expand_file(path: Path, folder: Path) -> Path:
 
 
 def expand_message(data: bytes) -> bytes:
-    """A message compressed by zstd; ValueError if it is larger than `LARGEST`."""
+    """Expand a message compressed by zstd; ValueError if it is larger than `LARGEST`."""
     return _read(zstd.open(io.BytesIO(data), 'rb'), LARGEST, 'a compressed message')
 
 
 def _read(stream: Any, most: int, what: str) -> bytes:
-    """All of ``stream``, of at most so many bytes."""
+    """Read all of a ``stream``; ValueError if it has more than ``most`` bytes."""
     parts = io.BytesIO()
     with stream:
         while part := stream.read(min(_PART, most + 1 - parts.tell())):
@@ -127,36 +127,36 @@ def _read(stream: Any, most: int, what: str) -> bytes:
 
 
 class Source(NamedTuple):
-    """Messages by ascending time of receipt, none of them before ``start`` [ns]."""
+    """Messages in the order of receipt, none of them received before ``start`` [ns]."""
 
     start: int
     open: Callable[[], Iterator[Found]]
 
 
 def in_order(sources: Sequence[Source], most: int | None = None) -> Iterator[Found]:
-    """Messages of all ``sources`` in the order of receipt; each is open only while it is needed.
+    """Merge the messages of ``sources`` in the order of receipt; each is open only when needed.
 
     Raises:
         ValueError: if more than ``most`` would be open together.
     """
     waiting = sorted(sources, key=lambda source: source.start)[::-1]
-    # Of each source that is open the next message, by its time and the number of the source.
+    # The next message of each open source, with its time and the number of the source.
     heads: list[tuple[int, int, Found, Iterator[Found]]] = []
     number = 0
     while waiting or heads:
         while waiting and (not heads or waiting[-1].start <= heads[0][0]):
-            found, number = waiting.pop().open(), number + 1
-            for one in itertools.islice(found, 1):
-                heapq.heappush(heads, (one[1], number, one, found))
+            messages, number = waiting.pop().open(), number + 1
+            for entry in itertools.islice(messages, 1):
+                heapq.heappush(heads, (entry[1], number, entry, messages))
             if most is not None and len(heads) > most:
                 raise ValueError(f'more than {most} files hold messages of the same time')
         if heads:
-            _, own, message, found = heads[0]
+            _, source_number, message, messages = heads[0]
             yield message
-            if (following := next(found, None)) is None:
+            if (following := next(messages, None)) is None:
                 heapq.heappop(heads)
             else:
-                heapq.heapreplace(heads, (following[1], own, following, found))
+                heapq.heapreplace(heads, (following[1], source_number, following, messages))
 
 
 class _Fields:
@@ -189,10 +189,10 @@ class McapFile:
     """An MCAP file.
 
     Attributes:
-        connections: its topics.
-        start_ns: when its first message was received [ns].
-        stop_ns: likewise the last.
-        missing: how many messages less there are than they are numbered; 0, as none is.
+        connections: connections of the topics.
+        start_ns: time of receipt of the first message [ns].
+        stop_ns: time of receipt of the last message [ns].
+        missing: number of missing messages; always 0, as MCAP does not number them.
     """
 
     missing = 0
@@ -207,84 +207,86 @@ class McapFile:
         self.path, self._size = path, path.stat().st_size
         self._file: BinaryIO = path.open('rb')
         self._chunks: list[_Chunk] = []
-        self._loose: list[int] = []  # times of the first and last message outside of chunks
+        self._outer_times: list[int] = []  # of the first and last message outside of chunks
         self._schemas: dict[int, tuple[str, MessageDefinition]] = {}
         self._channels: dict[int, Connection] = {}
         try:
-            self._look()
+            self._scan()
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
-        """Close it."""
+        """Close the file."""
         self._file.close()
 
     def messages(self, topics: Collection[str]) -> Iterator[Found]:
-        """Messages of ``topics`` in the order of receipt; ValueError if it is damaged."""
+        """Iterate over messages of ``topics`` in order of receipt; ValueError if damaged."""
         sources = [
             Source(chunk.start, functools.partial(self._in_chunk, chunk, topics))
             for chunk in self._chunks
         ]
-        if self._loose:
-            sources.append(Source(self._loose[0], functools.partial(self._outside, topics)))
+        if self._outer_times:
+            sources.append(
+                Source(self._outer_times[0], functools.partial(self._unchunked, topics))
+            )
         return in_order(sources)
 
-    def _look(self) -> None:
-        """Find chunks, topics and counts."""
+    def _scan(self) -> None:
+        """Find the chunks, topics and numbers of messages."""
         statistics: bytes | None = None
         counts = Counter[int]()
         for kind, place, length in self._records():
             if kind == _CHUNK:
-                head = _CHUNK_HEAD.unpack(self._bytes(place, _CHUNK_HEAD.size))
-                check_size(head[2], f'the chunk at byte {place - _RECORD.size}')
-                self._chunks.append(_Chunk(place, length, *head[:3]))
+                header = _CHUNK_HEAD.unpack(self._bytes(place, _CHUNK_HEAD.size))
+                check_size(header[2], f'the chunk at byte {place - _RECORD.size}')
+                self._chunks.append(_Chunk(place, length, *header[:3]))
             elif kind == _MESSAGE:
                 channel, _, time, _ = _MESSAGE_HEAD.unpack(self._bytes(place, _MESSAGE_HEAD.size))
                 counts[channel] += 1
-                if time < (self._loose or [0])[-1]:
+                if time < (self._outer_times or [0])[-1]:
                     raise ValueError('messages outside of chunks are not in the order of receipt')
-                self._loose = [*self._loose[:1], time]
+                self._outer_times = [*self._outer_times[:1], time]
             elif kind == _STATISTICS:
                 statistics = self._bytes(place, length)
             else:
-                self._define(kind, self._bytes(place, length))
+                self._read_definition(kind, self._bytes(place, length))
         self._check_overlap()
-        said = None if statistics is None else self._said(statistics)
-        if said is None or not said.keys() <= self._channels.keys():
-            counts += self._look_in_chunks()
-            said = said or counts
-        if unknown := said.keys() - self._channels.keys():
-            raise ValueError(f'{said[min(unknown)]} message(s) of a topic that it does not have')
+        stated = None if statistics is None else self._stated_counts(statistics)
+        if stated is None or not stated.keys() <= self._channels.keys():
+            counts += self._scan_chunks()
+            stated = stated or counts
+        if unknown := stated.keys() - self._channels.keys():
+            raise ValueError(f'{stated[min(unknown)]} message(s) of a topic that it does not have')
         self.connections = [
-            one._replace(msgcount=said[number]) for number, one in self._channels.items()
+            one._replace(msgcount=stated[number]) for number, one in self._channels.items()
         ]
-        times = [*self._loose, *(time for one in self._chunks for time in one[2:4])]
+        times = [*self._outer_times, *(time for one in self._chunks for time in one[2:4])]
         self.start_ns, self.stop_ns = min(times, default=0), max(times, default=0)
 
-    def _look_in_chunks(self) -> Counter[int]:
-        """Find topics in chunks, and how many messages each has there."""
+    def _scan_chunks(self) -> Counter[int]:
+        """Find the topics in chunks, and return the number of messages of each channel."""
         counts = Counter[int]()
         for chunk in self._chunks:
-            for kind, data in _records_in(self._expanded(chunk)):
-                self._define(kind, data)
+            for kind, data in _records_in(self._expand_chunk(chunk)):
+                self._read_definition(kind, data)
                 if kind == _MESSAGE:
                     counts[_MESSAGE_HEAD.unpack_from(data)[0]] += 1
         return counts
 
     def _check_overlap(self) -> None:
-        changes = [(one.start, one.size) for one in self._chunks]
-        changes += [(one.stop + 1, -one.size) for one in self._chunks]
-        together = itertools.accumulate(size for _, size in sorted(changes))
-        if max(together, default=0) > LARGEST_OVERLAP:
+        changes = [(chunk.start, chunk.size) for chunk in self._chunks]
+        changes += [(chunk.stop + 1, -chunk.size) for chunk in self._chunks]
+        open_bytes = itertools.accumulate(size for _, size in sorted(changes))
+        if max(open_bytes, default=0) > LARGEST_OVERLAP:
             raise ValueError(
                 f'chunks of more than {LARGEST_OVERLAP} bytes in all are of the same time'
             )
 
     def _records(self) -> Iterator[tuple[int, int, int]]:
-        """Kind, place and length of each record; ValueError if one does not fit into the file."""
+        """Iterate over kind, place and length of records; ValueError if one does not fit."""
         if self._bytes(0, len(_MAGIC)) != _MAGIC:
-            raise ValueError('it does not begin as a file of MCAP')
+            raise ValueError('it does not begin like an MCAP file')
         place, end = len(_MAGIC), self._size - len(_MAGIC)
         kind = start = length = 0
         while place < end:
@@ -305,10 +307,10 @@ class McapFile:
         footer = self._bytes(start + _RECORD.size, length)
         summary, _, checksum = _FOOTER_FIELDS.unpack(footer)
         if summary and checksum and checksum != self._checksum(summary, end - 4):
-            raise ValueError('the checksum of its summary is another')
+            raise ValueError('the checksum of its summary does not match')
 
     def _checksum(self, start: int, end: int) -> int:
-        """CRC-32 of the bytes from ``start`` to ``end``."""
+        """Return the CRC-32 of the bytes from ``start`` to ``end``."""
         checksum = 0
         for place in range(start, end, _PART):
             checksum = zlib.crc32(self._bytes(place, min(_PART, end - place)), checksum)
@@ -321,8 +323,8 @@ class McapFile:
             raise ValueError(f'it ends within {length} bytes at byte {place}')
         return data
 
-    def _define(self, kind: int, data: bytes) -> None:
-        """Take up a schema or channel; of other kinds nothing."""
+    def _read_definition(self, kind: int, data: bytes) -> None:
+        """Read a schema or a channel, and ignore records of other kinds."""
         fields = _Fields(data)
         if kind == _SCHEMA:
             (number,) = fields.take(struct.Struct('<H'))
@@ -350,20 +352,20 @@ class McapFile:
                 self,
             )
 
-    def _said(self, statistics: bytes) -> Counter[int]:
-        """Messages of each channel by the summary; ValueError if it contradicts itself."""
+    def _stated_counts(self, statistics: bytes) -> Counter[int]:
+        """Return the counts of the summary by channel; ValueError if it contradicts itself."""
         fields = _Fields(statistics)
         count, *_, chunks, _, _, length = fields.take(_STATISTICS_HEAD)
         if chunks != len(self._chunks):
             raise ValueError(f'its summary has {chunks} chunks, and it has {len(self._chunks)}')
         pairs = struct.Struct('<HQ')
-        said = Counter(dict(fields.take(pairs) for _ in range(length // pairs.size)))
-        if said.total() != count:
-            raise ValueError(f'its summary has {count} messages, and {said.total()} of topics')
-        return said
+        counts = Counter(dict(fields.take(pairs) for _ in range(length // pairs.size)))
+        if counts.total() != count:
+            raise ValueError(f'its summary has {count} messages, and {counts.total()} of topics')
+        return counts
 
-    def _expanded(self, chunk: _Chunk) -> bytes:
-        """The records of a ``chunk``."""
+    def _expand_chunk(self, chunk: _Chunk) -> bytes:
+        """Return the records of a ``chunk``, expanded."""
         fields = _Fields(self._bytes(chunk.place, chunk.length))
         *_, checksum = fields.take(_CHUNK_HEAD)
         compression = fields.text()
@@ -378,15 +380,15 @@ class McapFile:
         if len(stored) != chunk.size:
             raise ValueError(f'a chunk has {len(stored)} bytes, and says {chunk.size}')
         if checksum and checksum != zlib.crc32(stored):
-            raise ValueError('the checksum of a chunk is another')
+            raise ValueError('the checksum of a chunk does not match')
         return stored
 
     def _in_chunk(self, chunk: _Chunk, topics: Collection[str]) -> Iterator[Found]:
-        records = _records_in(self._expanded(chunk))
+        records = _records_in(self._expand_chunk(chunk))
         messages = (data for kind, data in records if kind == _MESSAGE)
         return iter(sorted(self._messages(messages, topics), key=lambda one: one[1]))
 
-    def _outside(self, topics: Collection[str]) -> Iterator[Found]:
+    def _unchunked(self, topics: Collection[str]) -> Iterator[Found]:
         records = (one for one in self._records() if one[0] == _MESSAGE)
         return self._messages((self._bytes(*where) for _, *where in records), topics)
 
@@ -400,7 +402,7 @@ class McapFile:
 
 
 def _records_in(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Kind and content of each record of a chunk; ValueError if one does not fit into it."""
+    """Iterate over kind and content of the records of a chunk; ValueError if one does not fit."""
     place = 0
     while place < len(data):
         kind, length = _RECORD.unpack_from(data, place)
@@ -427,13 +429,13 @@ def _connection(  # noqa: PLR0913 - the fields of a Connection
 
 
 class Sqlite3File:
-    """An SQLite file that is sound, each message of a topic that it has.
+    """An SQLite file without damage, in which every message has a known topic.
 
     Attributes:
-        connections: its topics.
-        start_ns: when its first message was received [ns].
-        stop_ns: likewise the last.
-        missing: how many messages less there are than they are numbered.
+        connections: connections of the topics.
+        start_ns: time of receipt of the first message [ns].
+        stop_ns: time of receipt of the last message [ns].
+        missing: number of messages that are missing by their numbers.
     """
 
     def __init__(self, path: Path) -> None:
@@ -451,7 +453,7 @@ class Sqlite3File:
         name = f'file:{urllib.parse.quote(str(path))}?immutable=1'
         self._data = apsw.Connection(name, flags=flags)
         try:
-            # Ctrl-C ends queries, and no value is too large for memory.
+            # Ctrl-C can end queries, and no value can be too large for memory.
             self._data.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
             self._data.set_progress_handler(lambda: False, _STEPS)
             self._check()
@@ -461,22 +463,22 @@ class Sqlite3File:
             raise
 
     def close(self) -> None:
-        """Close it."""
+        """Close the file."""
         self._data.close()
 
     def messages(self, topics: Collection[str]) -> Iterator[Found]:
-        """Messages of ``topics`` in the order of receipt."""
-        wanted = {one.id: one for one in self.connections if one.topic in topics}
+        """Iterate over messages of ``topics`` in the order of receipt."""
+        selected = {c.id: c for c in self.connections if c.topic in topics}
         rows = self._data.execute(
             f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN '
-            f'({",".join("?" * len(wanted))}) ORDER BY timestamp',
-            tuple(wanted),
+            f'({",".join("?" * len(selected))}) ORDER BY timestamp',
+            tuple(selected),
         )
         for number, time, data in rows:
-            yield wanted[number], time, data
+            yield selected[number], time, data
 
     def _check(self) -> None:
-        # First, as a query in a damaged tree may loop for ever, which this check does not.
+        # The integrity check is first: other queries may loop for ever in a damaged tree.
         for statement, problem in (
             ('PRAGMA integrity_check(1)', ''),
             (
@@ -495,9 +497,9 @@ class Sqlite3File:
                 '{} message(s) without a time of receipt or bytes',
             ),
         ):
-            ((found,),) = self._data.execute(statement)
-            if found not in ('ok', 0):
-                raise ValueError(problem.format(found) or str(found))
+            ((result,),) = self._data.execute(statement)
+            if result not in ('ok', 0):
+                raise ValueError(problem.format(result) or str(result))
         ((count, newest, first, last),) = self._data.execute(
             'SELECT count(*), max(id), min(timestamp), max(timestamp) FROM messages'
         )
@@ -526,7 +528,7 @@ class Sqlite3File:
             f'SELECT id, name, type, serialization_format, ({counts}), {columns} FROM topics '
             'ORDER BY id'
         ):
-            if not all(isinstance(one, str) for one in (topic, kind, form, qos, digest)):
+            if not all(isinstance(value, str) for value in (topic, kind, form, qos, digest)):
                 raise ValueError(f'topic {number} is of other types than a recorder writes')
             if form != 'cdr':
                 raise ValueError(f'{shown(topic)} is in {shown(form)}, expected cdr')
@@ -537,10 +539,10 @@ File = McapFile | Sqlite3File
 
 
 def open_file(path: Path, folder: Path) -> File:
-    """The storage at ``path``; one that is compressed is expanded into ``folder``.
+    """Open the storage at ``path``; expand it into ``folder`` if it is compressed.
 
     Raises:
-        ValueError: if it is none, or is damaged.
+        ValueError: if it is not a storage, or is damaged.
     """
     check_file(path)
     if path.suffix == '.zstd':

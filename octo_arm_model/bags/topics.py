@@ -1,4 +1,4 @@
-"""What is read of which topics of a bag, in whatever namespace: arms, tensions, displacements."""
+"""The topics of arms, tensions and displacements in a bag, in any namespace, and their reading."""
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -24,7 +24,7 @@ from octo_arm_model.wire.tensions import (
     read_displacements,
 )
 
-# What the model answers with, and the types of that: never a measurement.
+# The topics of the model's answers, with their types; they are never measurements.
 ANSWERS: dict[str, str] = {
     **BACKBONE_TOPICS,
     TENDON_LENGTHS: 'sensor_msgs/msg/JointState',
@@ -32,17 +32,17 @@ ANSWERS: dict[str, str] = {
 }
 DESCRIPTION = 'arm_description'  # the arm as a ROS parameter file, from the node
 MIDLINE = 'camera/midline'
-_USUAL = (*TENSION_TOPICS, MIDLINE)  # that tensions or midlines are measured on
-_MEASURED = (*_USUAL, *MEASUREMENT_TOPICS)  # on an arm
+_USUAL = (*TENSION_TOPICS, MIDLINE)  # usual topics of measured tensions or midlines
+_MEASURED = (*_USUAL, *MEASUREMENT_TOPICS)  # usual topics of all measurements
 
 
 def names(topic: str, *usual: str) -> bool:
-    """Whether ``topic`` is one of the ``usual`` names, in whatever namespace."""
+    """Whether ``topic`` is one of the ``usual`` names, in any namespace."""
     return f'/{topic}'.endswith(tuple(f'/{name}' for name in usual))
 
 
 def namespace(topic: str, usual: Iterable[str]) -> str:
-    """Namespace, with the slash, of a ``topic`` of one of the ``usual`` names or any other."""
+    """Return the namespace, with the slash, of a ``topic`` of a ``usual`` name or any other."""
     for name in usual:
         if names(topic, name):
             return topic.removesuffix(name)
@@ -81,16 +81,15 @@ def pick_topic(
     what: str,
     without: str | None = None,
 ) -> str:
-    """The topic of one of ``types`` that ``what`` is read from: ``wanted``, or the only one.
+    """Return the topic that ``what`` is read from: ``wanted``, or the only one of ``types``.
 
-    ``types`` are None where ``wanted`` may be of any.
-
-    What the model answers with is none unless wanted, nor are displacements, nor the topic
-    ``without`` which the choice is made, as it is read as something else. Of several topics that
-    with messages is taken, or with a usual name such as tendon_tensions, in whatever namespace.
+    If ``types`` is None, ``wanted`` may be of any type. Topics of the model's answers and of
+    displacements are chosen only if ``wanted``, and the topic ``without`` never, because it is
+    read as something else. Among several topics those with messages are preferred, then those of a
+    usual name such as tendon_tensions, in any namespace.
 
     Raises:
-        BagError: if there is none, or several; the message lists what is there.
+        BagError: if there is no such topic, or several; the message lists the existing ones.
     """
     expected = ' or '.join(types or ())
     if wanted is not None:
@@ -114,35 +113,33 @@ def pick_topic(
 def measured_topic(
     reader: BagReader, types: Sequence[str], what: str, without: Collection[str] = ()
 ) -> str | None:
-    """The only topic of one of ``types`` that ``what`` was measured on, see `pick_topic`.
+    """Return the only topic of one of ``types`` that ``what`` was measured on; None if none.
 
-    None of none; BagError of several.
+    The preferences are those of `pick_topic`. BagError is raised if there are several.
     """
     others = (*ANSWERS, *ESTIMATES, DISPLACEMENTS)
-    found = [
+    candidates = [
         topic
         for topic, type_name in reader.offered.items()
         if type_name in types and topic not in without and not names(topic, *others)
     ]
     for narrower in (
-        [topic for topic in found if reader.count([topic])],
-        [topic for topic in found if names(topic, *_USUAL)],
+        [topic for topic in candidates if reader.count([topic])],
+        [topic for topic in candidates if names(topic, *_USUAL)],
     ):
-        if len(found) > 1 and narrower:
-            found = [topic for topic in found if topic in narrower]
-    return only_one(reader, found, what)
+        if len(candidates) > 1 and narrower:
+            candidates = [topic for topic in candidates if topic in narrower]
+    return only_one(reader, candidates, what)
 
 
 def pick_usual(
     reader: BagReader, wanted: str | None, usual: str, types: Sequence[str], what: str
 ) -> str | None:
-    """The topic of one of ``types`` that ``what`` is read from: ``wanted``, or the ``usual`` one.
-
-    None where there is no usual one.
+    """Return the topic that ``what`` is read from: ``wanted``, or the ``usual`` one; else None.
 
     Raises:
-        BagError: if there is no ``wanted`` one, it is of another type, or there are several usual
-            ones.
+        BagError: if ``wanted`` does not exist or is of none of ``types``, or there are several
+            usual ones.
     """
     if wanted is not None:
         return pick_topic(reader, wanted, types, what)
@@ -150,7 +147,7 @@ def pick_usual(
 
 
 def usual_topics(reader: BagReader, usual: str, types: Sequence[str]) -> list[str]:
-    """Topics of the ``usual`` name with messages of one of ``types``."""
+    """Return the topics of the ``usual`` name that have messages of one of ``types``."""
     return [
         topic
         for topic, type_name in reader.offered.items()
@@ -159,7 +156,7 @@ def usual_topics(reader: BagReader, usual: str, types: Sequence[str]) -> list[st
 
 
 def only_one(reader: BagReader, topics: Sequence[str], what: str) -> str | None:
-    """The only one of the ``topics`` that ``what`` may be read from; None of none.
+    """Return the only one of ``topics``, which ``what`` is read from; None if there is none.
 
     Raises:
         BagError: if there are several.
@@ -175,14 +172,14 @@ _LISTED = 20
 
 
 class Reading(NamedTuple):
-    """Tensions or displacements of a message, or why it was refused.
+    """The tensions or displacements in a message, or the reason why it was refused.
 
     Attributes:
-        stamp: its stamp, see `stamp_of`, sec and nanosec as they came.
-        tensions: of `Arm.tension_shape` [N]; None if it was refused, or has displacements.
-        reason: why it was refused, or ''.
-        displacements: length reeled in [m] by name of the tendons driven by length; None if it
-            has none of them to say.
+        stamp: stamp of the message, from `stamp_of`, not checked.
+        tensions: tensions of `Arm.tension_shape` [N]; None if refused, or with displacements.
+        reason: reason why the message was refused, or ''.
+        displacements: length reeled in [m] by name of the tendons driven by length; None if there
+            are none.
     """
 
     stamp: Stamp
@@ -192,21 +189,21 @@ class Reading(NamedTuple):
 
     @property
     def is_refused(self) -> bool:
-        """Whether it says neither."""
+        """Whether there are neither tensions nor displacements."""
         return self.tensions is None and self.displacements is None
 
     @property
     def stamp_ns(self) -> int:
-        """Its stamp [ns]."""
+        """The stamp [ns]."""
         return self.stamp.ns
 
 
 class Source(NamedTuple):
-    """Where tensions or displacements are read.
+    """A topic, and perhaps a field, that tensions or displacements are read from.
 
     Attributes:
-        topic: of their messages.
-        field: what holds the numbers, or '' for the usual field of the type.
+        topic: topic of the messages.
+        field: field that holds the numbers, or '' for the usual field of the type.
         is_displacements: whether they are displacements.
     """
 
@@ -217,28 +214,28 @@ class Source(NamedTuple):
     def read(
         self, reader: BagReader, config: Config, record: Record, *, raw: bool = False
     ) -> Reading:
-        """What a ``record`` says of the arm and its sensors in ``config``, or why that is nothing.
+        """Return the reading of a ``record`` for the arm and the sensors of ``config``.
 
-        ``raw`` tensions may be below zero, as noise is.
+        ``raw`` tensions may be below zero by noise.
         """
         cells, arm = config.load_cells, config.arm
         if self.is_displacements:
-            lengths = partial(
+            read_lengths = partial(
                 read_displacements, arm=arm, encoders=config.encoders, field=self.field
             )
-            stamp, found, reason = reader.read(record, lengths)
-            return _stampable(Reading(stamp, None, reason, found))
-        named = FieldMessage(record.type_name, self.field)
-        kind = named if self.field else _KINDS[record.type_name]
+            stamp, lengths_by_tendon, reason = reader.read(record, read_lengths)
+            return _stampable(Reading(stamp, None, reason, lengths_by_tendon))
+        by_field = FieldMessage(record.type_name, self.field)
+        kind = by_field if self.field else _KINDS[record.type_name]
         calibrated = cells.scale_and_offset if raw else partial(cells.tensions, arm)
-        read = reader.read(record, lambda one: calibrated(kind.read(one, arm, cells.names)))
-        return _stampable(Reading(*read))
+        result = reader.read(record, lambda data: calibrated(kind.read(data, arm, cells.names)))
+        return _stampable(Reading(*result))
 
 
 def pick_tensions(reader: BagReader, wanted: str | None, without: str | None = None) -> Source:
-    """Tensions on the topic ``wanted``, TOPIC or TOPIC:FIELD.
+    """Return the source of tensions on the topic ``wanted``, TOPIC or TOPIC:FIELD.
 
-    None stands for the only topic that there is ``without`` one that is read as something else.
+    None takes the only topic besides ``without``, which is read as something else.
 
     Raises:
         BagError: if there is none; the message lists the numeric fields of other types.
@@ -249,14 +246,14 @@ def pick_tensions(reader: BagReader, wanted: str | None, without: str | None = N
         return Source(pick_topic(reader, wanted, TYPES, 'tensions', without))
     except BagError as error:
         others = [wanted] if wanted is not None else list(reader.topics)
-        others = [reader.full_name(one) for one in others]
+        others = [reader.full_name(topic) for topic in others]
         raise BagError(f'{error}{_fields_of(reader, others)}') from None
 
 
 def pick_displacements(reader: BagReader, wanted: str | None) -> Source | None:
-    """Displacements on the topic ``wanted``, TOPIC or TOPIC:FIELD.
+    """Return the source of displacements on the topic ``wanted``, TOPIC or TOPIC:FIELD.
 
-    None stands for tendon_displacements, if there.
+    None takes tendon_displacements, if there is one.
 
     Raises:
         BagError: if there is no such topic or field, or there are several.
@@ -269,7 +266,7 @@ def pick_displacements(reader: BagReader, wanted: str | None) -> Source | None:
 
 
 def _pick_field(reader: BagReader, wanted: str, what: str) -> Source:
-    """What ``wanted``, TOPIC:FIELD, names; BagError lists the numeric fields there."""
+    """Return the source ``wanted``, TOPIC:FIELD; BagError lists the existing numeric fields."""
     topic, _, field = wanted.partition(':')
     topic = pick_topic(reader, topic, None, what)
     fields = reader.numeric_fields(reader.topics[topic])
@@ -282,18 +279,18 @@ def _pick_field(reader: BagReader, wanted: str, what: str) -> Source:
 
 
 def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
-    """Numeric fields of the messages on ``topics`` whose types are none of `TYPES`, in words."""
-    found = []
+    """Return a text that lists numeric fields on ``topics`` whose types are not in `TYPES`."""
+    texts = []
     for topic in topics[:_LISTED]:
         type_name = reader.topics.get(topic, '')
         if type_name and type_name not in TYPES:
             if fields := reader.numeric_fields(type_name):
-                found.append(f'{topic}:{{{",".join(fields)}}}')
-    return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(found)}' if found else ''
+                texts.append(f'{topic}:{{{",".join(fields)}}}')
+    return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(texts)}' if texts else ''
 
 
 def _stampable(reading: Reading) -> Reading:
-    """The ``reading``, refused where its stamp is no time, or cannot hold that of its receipt."""
+    """Return the ``reading``, refused if its stamp or its time of receipt is no valid stamp."""
     if reading.is_refused:
         return reading
     if not -(2**31) <= reading.stamp.sec < 2**31:
@@ -311,8 +308,8 @@ class RecordedArm(NamedTuple):
 
     Attributes:
         prefix: namespace of its topics, with the slash.
-        sources: of both.
-        parameters: what it is, see `Config.from_parameters`.
+        sources: sources of its tensions and displacements.
+        parameters: its parameters, as for `Config.from_parameters`.
     """
 
     prefix: str
@@ -328,15 +325,15 @@ def find_arms(
     calibration: Mapping[str, Any] = MappingProxyType({}),
     displacements: Sequence[str] = (),
 ) -> list[RecordedArm]:
-    """The arms in a bag, one for each namespace of tensions or displacements.
+    """Find the arms in a bag, one for each namespace of tensions or displacements.
 
     Args:
         reader: the bag.
-        topics: those of both, or TOPIC:FIELD; if none, all with the names that the node listens
-            to, or else the only one there is.
-        parameters: of the arms; None for the arm_description in the bag.
-        model: model instead of theirs.
-        calibration: parameters of load cells and encoders instead of theirs.
+        topics: topics of tensions and displacements, or TOPIC:FIELD; if empty, all with names that
+            the node listens to, or else the only one.
+        parameters: parameters of the arms; None for the arm_description in the bag.
+        model: model that replaces theirs.
+        calibration: parameters of load cells and encoders that replace theirs.
         displacements: further topics of displacements, or TOPIC:FIELD.
 
     Raises:
@@ -371,12 +368,12 @@ def find_arms(
 
 
 def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
-    """Parameters of the arm as described in a bag, the last if they changed.
+    """Return the last parameters of an arm that a bag describes.
 
-    That of the namespace ``prefix``, or else the only one.
+    It is the arm of the namespace ``prefix``, or else the only one.
 
     Raises:
-        ConfigError: if there is no description, or that of no arm.
+        ConfigError: if there is no description, or it describes no valid arm.
         BagError: if the bag is damaged.
     """
     own = topics_of_arm(reader, prefix)

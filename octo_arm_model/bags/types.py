@@ -1,4 +1,4 @@
-"""Types of messages: those of ROS 2 Jazzy, and ours from the text the ROS package has."""
+"""Types of messages: those of ROS 2 Jazzy, and ours from the definitions of the ROS package."""
 
 import functools
 from collections.abc import Iterable
@@ -14,21 +14,22 @@ from octo_arm_model.arm.errors import BagError
 
 PACKAGE = 'octo_arm_msgs'
 STRING = 'std_msgs/msg/String'
-_LONGEST = 2**20  # entries of an array of fixed length
-_MOST_FIELDS, _DEEPEST = 40, 5  # of a type that are listed
+_LONGEST = 2**20  # entries in an array of fixed length
+_MOST_FIELDS, _DEEPEST = 40, 5  # bounds of the fields of a type that are listed
+_NOT_NUMBERS = ('string', 'wstring', 'bool', 'octet')
 _NO_TENSIONS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 _IDL_RULE = '=' * 80 + '\n'  # between the files of one IDL definition
 
 
 @functools.cache
 def known_types() -> Typestore:
-    """Every type that can be written, and read where a bag does not define it.
+    """Return the types that can be written, and that are read if a bag does not define them.
 
     Raises:
         BagError: if our definitions are not installed.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
-    # In a checkout or installed.
+    # The definitions are in a checkout or installed.
     for parent in Path(__file__).resolve().parents:
         for folder in (parent / 'msg_defs' / 'msg', parent / 'share' / 'octo_arm_model' / 'msg'):
             for path in (paths := sorted(folder.glob('*.msg'))):
@@ -40,39 +41,39 @@ def known_types() -> Typestore:
 
 
 def types_for(type_name: str, definitions: Iterable[MessageDefinition]) -> Typestore:
-    """Types to decode messages of one type with: the first of ``definitions``, or those known.
+    """Return types that decode messages of one type: by the first definition, or the known ones.
 
-    Each type has a store of its own, so that others in a bag may be defined as they like.
+    Each type has its own store, so that the definitions of several types cannot conflict.
 
     Raises:
-        BagError: if the type is neither defined nor known, or its definition makes no sense.
+        BagError: if the type is neither defined nor known, or its definition is invalid.
     """
-    given = [one for one in definitions if one.format != MessageDefinitionFormat.NONE]
-    if not given:
+    defined = [d for d in definitions if d.format != MessageDefinitionFormat.NONE]
+    if not defined:
         if type_name not in known_types().fielddefs:
-            raise BagError(f'nothing defines the type {type_name}, and it is none known here')
+            raise BagError(f'nothing defines the type {type_name}, and it is not known here')
         return known_types()
     store = get_typestore(Stores.EMPTY)
-    text = given[0].data
+    text = defined[0].data
     try:
-        if given[0].format == MessageDefinitionFormat.MSG:
+        if defined[0].format == MessageDefinitionFormat.MSG:
             store.register(_bounded(get_types_from_msg(text, type_name)))
         else:
             for part in filter(None, text.split(_IDL_RULE)):
-                # Each may begin with a line that says which it is.
+                # A part may begin with a line that names its type.
                 idl = part.split('\n', 1)[1] if part.startswith('IDL: ') else part
                 store.register(_bounded(get_types_from_idl(idl)))
         store.get_msgdef(type_name)
     except BagError:
         raise
     except Exception as error:
-        # Parsers raise errors of several types for text that is no definition.
-        raise BagError(f'the definition of {type_name} makes no sense') from error
+        # Parsers raise errors of several types for an invalid definition.
+        raise BagError(f'the definition of {type_name} is invalid') from error
     return store
 
 
 def _bounded(types: Typesdict) -> Typesdict:
-    """The ``types``; BagError if an array is too long, which rosbags reads by as many terms."""
+    """Return the ``types``; raise BagError if a fixed array is too long, which rosbags unrolls."""
     for name, (_, fields) in types.items():
         for field, (kind, content) in fields:
             length = content[1] if kind == Nodetype.ARRAY else 0
@@ -82,22 +83,22 @@ def _bounded(types: Typesdict) -> Typesdict:
 
 
 def numeric_fields(types: Typestore, type_name: str) -> list[str]:
-    """Paths of the numeric fields of a type, of arrays of numbers as well; of many not all."""
-    found: list[str] = []
+    """Return paths of the numeric fields and arrays of a type, at most a fixed number."""
+    paths: list[str] = []
 
     def walk(name: str, prefix: str, depth: int) -> None:
         described: Any
         for field, described in types.get_msgdef(name).fields:
             kind, content = described
             is_array = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
-            inner, what = content[0] if is_array else (kind, content)
-            if len(found) >= _MOST_FIELDS:
+            inner_kind, inner = content[0] if is_array else (kind, content)
+            if len(paths) >= _MOST_FIELDS:
                 return
-            if inner == Nodetype.BASE and what[0] not in ('string', 'wstring', 'bool', 'octet'):
-                found.append(prefix + field)
-            elif inner == Nodetype.NAME and not is_array and depth < _DEEPEST:
-                if what not in _NO_TENSIONS:
-                    walk(str(what), f'{prefix}{field}.', depth + 1)
+            if inner_kind == Nodetype.BASE and inner[0] not in _NOT_NUMBERS:
+                paths.append(prefix + field)
+            elif inner_kind == Nodetype.NAME and not is_array and depth < _DEEPEST:
+                if inner not in _NO_TENSIONS:
+                    walk(str(inner), f'{prefix}{field}.', depth + 1)
 
     walk(type_name, '', 0)
-    return found
+    return paths

@@ -1,4 +1,4 @@
-"""Bags that are written whole or not at all, and messages of sensors as estimators read them."""
+"""The writer of bags, which are complete or absent, and messages of sensors for estimators."""
 
 import contextlib
 import itertools
@@ -36,17 +36,15 @@ from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENT_TYPE, DISPLACEMENTS, TENSION_TOPICS
 
 STORAGES = tuple(plugin.name.lower() for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3))
-# A topic of the writer, when the message was received [ns], and the message.
+# Connection, time of receipt [ns], and bytes of a message.
 Message = tuple[Connection, int, bytes]
 
-VERSION: Final = 9  # of the metadata, that of Jazzy
-
-
-_FOREVER = QosTime(9223372036, 854775807)  # as ROS 2 has it
+VERSION: Final = 9  # of the metadata in Jazzy
+_FOREVER = QosTime(9223372036, 854775807)  # the infinite duration of ROS 2
 
 
 def _qos(depth: int, durability: QosDurability) -> Qos:
-    """Reliable, as the node publishes."""
+    """Return a reliable QoS, as that of the node."""
     return Qos(
         QosHistory.KEEP_LAST,
         depth,
@@ -65,19 +63,19 @@ _LATCHED = _qos(1, QosDurability.TRANSIENT_LOCAL)
 
 
 class BagWriter(contextlib.AbstractContextManager['BagWriter']):
-    """A bag being written.
+    """A bag that is being written.
 
-    It is written to a hidden folder beside its path and renamed when it is complete; after an
-    exception of any kind the folder is removed.
+    It is written to a hidden folder beside its path, which is renamed when the bag is complete,
+    and removed after any exception.
     """
 
     def __init__(
         self, path: str | Path, storage: str = 'mcap', custom: Mapping[str, str] | None = None
     ) -> None:
-        """Write a bag to ``path``, which is not there yet, with ``custom`` data of its own.
+        """Begin a bag at ``path``, which must not exist, with ``custom`` data in its metadata.
 
         Raises:
-            BagError: if there is something at ``path``, or nowhere to write.
+            BagError: if ``path`` exists, or its folder cannot be written.
         """
         self.path = Path(path)
         self._topics: dict[tuple[str, str], Connection] = {}
@@ -93,7 +91,7 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
             )
         try:
             with self._failures():
-                # Its file is named after this folder, as the recorder names the first of a bag.
+                # The file is named after this folder, as the recorder names the first of a bag.
                 self._writer = Writer(
                     self._folder / f'{self.path.name}_0',
                     version=VERSION,
@@ -110,7 +108,7 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
         """Complete the bag, or discard it after an ``error``.
 
         Raises:
-            BagError: if it cannot be completed; then it is discarded.
+            BagError: if the bag cannot be completed; it is then discarded.
         """
         try:
             if error is None:
@@ -121,14 +119,14 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
             self._discard()
 
     def _discard(self) -> None:
-        """Remove what is not complete."""
+        """Remove the hidden folder of a bag that is not complete."""
         with contextlib.suppress(Exception):
             self._writer.abort()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     @contextlib.contextmanager
     def _failures(self) -> Iterator[None]:
-        """Errors of files and of SQLite, as one line."""
+        """Turn errors of files and of SQLite into BagError."""
         try:
             yield
         except OSError as error:
@@ -137,9 +135,9 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
             raise BagError(f'{self.path}: cannot be written: {error}') from error
 
     def add(self, topic: str, type_name: str, latched: bool = False) -> Connection:
-        """The topic of a type known here, to write to; it is added where it is new.
+        """Return the connection of a ``topic`` of a known type, and add it if it is new.
 
-        ``latched`` ones are kept for those who come late.
+        Late subscribers receive the last message of a ``latched`` topic.
 
         Raises:
             BagError: if the bag cannot be written.
@@ -154,7 +152,7 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
         return self._topics[key]
 
     def add_text(self, topic: str, text: str, received_ns: int) -> None:
-        """A latched std_msgs/String on a topic of its own, received at a time [ns].
+        """Write a latched std_msgs/String on a ``topic``, received at a time [ns].
 
         Raises:
             BagError: if the bag cannot be written.
@@ -164,7 +162,7 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
         self.write([(self.add(topic, STRING, latched=True), received_ns, data)])
 
     def add_copy(self, reader: BagReader, source: Connection) -> Connection | None:
-        """A topic as it is in another bag; None where that does not say what its type is.
+        """Add a topic as it is in another bag; return None if its type is not defined there.
 
         Raises:
             BagError: if the bag cannot be written.
@@ -195,7 +193,7 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
 
 
 TENSIONS = 'tendon_tensions'
-# Orientation of points: a camera does not see that of cross sections.
+# Orientation of points, because a camera does not see that of cross sections.
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 _TYPES = {
     TENSIONS: TENSION_TOPICS[TENSIONS].type_name,
@@ -210,7 +208,7 @@ class SensorMessages:
     """Collects messages and writes them in the order of receipt."""
 
     def __init__(self, writer: BagWriter, config: Config, camera: str | None = None) -> None:
-        """Messages of the arm of ``config``, midlines in the frame ``camera``, or base_frame."""
+        """Collect messages of the arm of ``config``, with midlines in ``camera`` or base_frame."""
         self._writer, self._names = writer, config.arm.tendon_names
         self._frame = text_field('base_frame', config.base_frame)
         self._camera = self._frame if camera is None else camera.encode()
@@ -218,16 +216,16 @@ class SensorMessages:
         self._messages: list[Message] = []
 
     def add(self, topic: str, received_ns: int, *values: Any, ahead_ns: int = 0) -> None:
-        """Add a message received at a time [ns], with the stamp of a clock that is ahead [ns].
+        """Add a message received at a time [ns], with a stamp that is ``ahead_ns`` [ns] later.
 
-        Its values are tensions (tendons,) [N], or lengths reeled in (tendons,) [m], NaN of those
-        that are not read, or points (n, 3) [m] of a midline or of markers, or position, quaternion
-        and covariance of the tip.
+        The values are tensions (tendons,) [N]; or lengths reeled in (tendons,) [m], NaN if not
+        read; or points (n, 3) [m] of a midline or of markers; or position, quaternion and
+        covariance of the tip.
         """
         first, names = np.asarray(values[0]), self._names
         if topic == DISPLACEMENTS:
-            read = np.isfinite(first)
-            names, first = tuple(itertools.compress(names, read)), first[read]
+            is_read = np.isfinite(first)
+            names, first = tuple(itertools.compress(names, is_read)), first[is_read]
         key = topic, names, len(first)
         if key not in self._templates:
             layout = {
@@ -235,22 +233,22 @@ class SensorMessages:
                 MARKERS: lambda: pose_array(self._frame, len(first)),
                 TIP_POSE: lambda: pose_with_covariance(self._frame),
             }.get(topic, lambda: tendon_tensions(self._frame, names))()
-            if topic == DISPLACEMENTS:  # tensions but for velocities and efforts, which are none
+            if topic == DISPLACEMENTS:  # a JointState goes on with velocities and efforts, empty
                 layout.count(0)
                 layout.count(0)
             self._templates[key] = Template(layout)
-        more = (LEVEL,) if topic in (MIDLINE, MARKERS) else values[1:]
+        further = (LEVEL,) if topic in (MIDLINE, MARKERS) else values[1:]
         stamp = Stamp.from_ns(received_ns + ahead_ns)
-        data = self._templates[key].write(*stamp, first, *more)
+        data = self._templates[key].write(*stamp, first, *further)
         self._messages.append((self._writer.add(f'/{topic}', _TYPES[topic]), received_ns, data))
 
     def add_all(
         self, topic: str, received_ns: Iterable[int], rows: Iterable[FloatArray], ahead_ns: int = 0
     ) -> None:
-        """Add a message for each of ``rows``, see `add`."""
+        """Add a message for each of ``rows``, the values of `add`."""
         for received, row in zip(received_ns, rows, strict=True):
             self.add(topic, received, row, ahead_ns=ahead_ns)
 
     def write(self) -> None:
-        """Write all of them; BagError if the bag cannot be written."""
+        """Write all messages; BagError if the bag cannot be written."""
         self._writer.write(sorted(self._messages, key=lambda message: message[1]))

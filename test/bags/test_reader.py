@@ -331,7 +331,7 @@ def test_a_definition_may_be_in_idl():
     data = tensions_data(TENDON_TENSIONS, NAMES, np.arange(12.0), START)
     message = types.deserialize_cdr(data, TENDON_TENSIONS)
     assert_array_equal(message.tension, np.arange(12.0))
-    with pytest.raises(BagError, match='the definition of octo_arm_msgs/msg/TendonTensions makes'):
+    with pytest.raises(BagError, match='the definition of octo_arm_msgs/msg/TendonTensions is'):
         types_for(TENDON_TENSIONS, [definition._replace(data='module {')])
 
 
