@@ -1,1 +1,1 @@
-"""Experiments recorded as bags: read, replayed through the model, simulated."""
+"""Bags of experiments: their reading, their replay through the model, and simulated ones."""

@@ -1,4 +1,4 @@
-"""Claims of the paper's text, and whether the numbers of each model agree with them."""
+"""Claims of the paper's text, compared with the numbers of each model."""
 
 import dataclasses
 import functools
@@ -14,11 +14,11 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
 from octo_arm_model.rod.stations import nearest
 
-PLANES = tuple(sorted({*range(-150, 181, 30), *range(-135, 136, 90)}))  # [deg], of Figure 10
-_PULL = 2.0  # [N], the largest amplitude of Table 3
-_SAME_PLANE = 0.5  # [deg]: the paper prints whole degrees
-_FLAT = 1e-6  # out of the plane, relative to the length: what the solver's own error may be
-_SOFTER = 0.05  # of E
+PLANES = tuple(sorted({*range(-150, 181, 30), *range(-135, 136, 90)}))  # of Figure 10 [deg]
+_PULL = 2.0  # largest amplitude of Table 3 [N]
+_SAME_PLANE = 0.5  # tolerance of planes [deg], as the paper prints whole degrees
+_FLAT = 1e-6  # distance from a plane over the length, up to the error of the solver
+_SOFTER = 0.05  # relative decrease of E
 
 Finding = tuple[str, bool]  # the numbers of a model, and whether they agree with the claim
 
@@ -29,9 +29,9 @@ class Claim:
 
     Attributes:
         says: the paper's words.
-        where: where in the paper they are.
-        check: what is computed, and when the claim holds.
-        judge: the finding of a model.
+        where: their place in the paper.
+        check: description of the computation, and of when the claim holds.
+        judge: returns the finding of a model.
     """
 
     says: str
@@ -41,12 +41,12 @@ class Claim:
 
     @functools.cached_property
     def findings(self) -> dict[str, Finding]:
-        """Findings of all models, by model."""
+        """The findings of all models, by name of the model."""
         return {model: self.judge(model) for model in MODELS}
 
     @property
     def fails(self) -> bool:
-        """Whether the paper's own model contradicts it."""
+        """Whether the paper's own model contradicts the claim."""
         return not self.findings[DEFAULT_MODEL][1]
 
 
@@ -54,12 +54,12 @@ CLAIMS: list[Claim] = []  # in the order of the paper
 
 
 def _claim(says: str, where: str, check: str) -> Callable[[Callable[[str], Finding]], None]:
-    """Add a claim, judged by the function that this decorates."""
+    """Return a decorator that adds a claim, which the decorated function judges."""
     return lambda judge: CLAIMS.append(Claim(says, where, check, judge))
 
 
 def _below(value: float, digits: int) -> str:
-    """``value`` to ``digits`` decimals, or that it is less than the last of them."""
+    """Return ``value`` with ``digits`` decimals, or a text that it is below the last of them."""
     least = 10.0**-digits
     return f'{value:.{digits}f}' if value >= least / 2.0 else f'less than {least:.{digits}f}'
 
@@ -84,14 +84,14 @@ def _worst_plane(model: str, sections: tuple[int, ...]) -> Finding:
     f'{_SAME_PLANE}° of the side of its cable and within a millionth of L of one plane.',
 )
 def _one_cable(model: str) -> Finding:
-    aside, out = 0.0, 0.0
+    off_side, off_plane = 0.0, 0.0
     for section, plane in itertools.product((1, 2, 3), (-90, 0, 90, 180)):
         shape = _bent(model, section, plane)
-        aside = max(aside, tables.angle_between(tables.bending_plane(shape), plane))
-        out = max(out, tables.out_of_plane(shape) / shape.s[-1])
+        off_side = max(off_side, tables.angle_between(tables.bending_plane(shape), plane))
+        off_plane = max(off_plane, tables.out_of_plane(shape) / shape.s[-1])
     return (
-        f'{_below(aside, 2)}° aside, {_below(100 * out, 4)} % of L out of the plane',
-        aside < _SAME_PLANE and out < _FLAT,
+        f'{_below(off_side, 2)}° aside, {_below(100 * off_plane, 4)} % of L out of the plane',
+        off_side < _SAME_PLANE and off_plane < _FLAT,
     )
 
 
@@ -105,11 +105,11 @@ def _one_cable(model: str) -> Finding:
 )
 def _in_space(model: str) -> Finding:
     shape = tables.solve('table4', model, paper_data.FETCHING_IN_SPACE)
-    out = tables.out_of_plane(shape) / shape.s[-1]
+    off_plane = tables.out_of_plane(shape) / shape.s[-1]
     return (
-        f'{100 * out:.0f} % of L off the best plane, twist of '
+        f'{100 * off_plane:.0f} % of L off the best plane, twist of '
         f'{_below(abs(tables.tip_rotation(shape)), 2)}°',
-        out > 0.01,
+        off_plane > 0.01,
     )
 
 
@@ -124,12 +124,12 @@ def _in_space(model: str) -> Finding:
 def _jumps(model: str) -> Finding:
     shape = tables.solve('table4', model, paper_data.FETCHING_IN_PLANE)
     steps = np.abs(np.diff(shape.q))
-    at = tables.anchorages(shape)[:-1]
-    elsewhere = float(np.delete(steps, at).max())
+    at_anchorages = tables.anchorages(shape)[:-1]
+    elsewhere = float(np.delete(steps, at_anchorages).max())
     return (
-        'q steps by ' + ' and '.join(f'{steps[i]:.3f}' for i in at) + f', elsewhere by '
+        'q steps by ' + ' and '.join(f'{steps[i]:.3f}' for i in at_anchorages) + f', elsewhere by '
         f'{elsewhere:.3f} at most',
-        bool(steps[at].min() > 10.0 * elsewhere),
+        bool(steps[at_anchorages].min() > 10.0 * elsewhere),
     )
 
 
@@ -145,14 +145,14 @@ def _errors_grow(model: str) -> Finding:
     tensions = tables.pull(1, (paper_data.PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1)
     material = config.arm.material
     assert isinstance(material.youngs_modulus, float)
-    softer = dataclasses.replace(
+    softer_material = dataclasses.replace(
         material, youngs_modulus=(1.0 - _SOFTER) * material.youngs_modulus
     )
-    arm = dataclasses.replace(config.arm, material=softer)
+    arm = dataclasses.replace(config.arm, material=softer_material)
     shape = tables.solve('prototype', model, tensions)
     solver = dataclasses.replace(config, arm=arm).solver(model, tables.STATIONS)
-    off = solver.solve(tensions).position
-    error = np.linalg.norm(off - shape.position, axis=1) * 1e3
+    softer_position = solver.solve(tensions).position
+    error = np.linalg.norm(softer_position - shape.position, axis=1) * 1e3
     quarters = error[nearest(np.array([0.25, 0.5]) * shape.s[-1], shape.s)]
     return (
         f'{quarters[0]:.1f} mm at L/4, {quarters[1]:.1f} at L/2, {error[-1]:.1f} at the tip',
@@ -209,8 +209,8 @@ def _more_tension(model: str) -> Finding:
         tables.solve('prototype', model, tables.pull(1, (tension, 0.0, 0.0, 0.0), 1)).k
         for tension in paper_data.PROTOTYPE_ERRORS
     ]
-    least = min(float((b / a).min()) for a, b in itertools.pairwise(curvatures))
-    return (f'by {100 * (least - 1):.0f} % or more everywhere', least > 1.0)
+    ratio = min(float((b / a).min()) for a, b in itertools.pairwise(curvatures))
+    return (f'by {100 * (ratio - 1):.0f} % or more everywhere', ratio > 1.0)
 
 
 @_claim(
@@ -222,12 +222,12 @@ def _more_tension(model: str) -> Finding:
 )
 def _fetching_in_plane(model: str) -> Finding:
     shape = tables.solve('table4', model, paper_data.FETCHING_IN_PLANE)
-    out = tables.out_of_plane(shape) / shape.s[-1]
+    off_plane = tables.out_of_plane(shape) / shape.s[-1]
     proximal, medial, distal = tables.turns(shape).values()
     return (
         f'turns by {proximal:+.0f}°, {medial:+.0f}°, {distal:+.0f}°; '
-        f'{_below(100 * out, 4)} % of L out of the plane',
-        proximal * medial < 0.0 and medial * distal < 0.0 and out < _FLAT,
+        f'{_below(100 * off_plane, 4)} % of L out of the plane',
+        proximal * medial < 0.0 and medial * distal < 0.0 and off_plane < _FLAT,
     )
 
 
@@ -255,13 +255,13 @@ def _opposite(model: str) -> Finding:
     f'{np.sum(paper_data.FETCHING_IN_SPACE):g} N. Holds if tip and section 1 are nearer in space.',
 )
 def _nearer_in_space(model: str) -> Finding:
-    found = []
+    distances = []
     for tensions in (paper_data.FETCHING_IN_PLANE, paper_data.FETCHING_IN_SPACE):
         shape = tables.solve('table4', model, tensions)
         distal = shape.position[shape.section == 1] - shape.position[0]
         mean = float(np.linalg.norm(distal, axis=1).mean())
-        found.append((1e3 * tables.tip_distance(shape), 1e3 * mean))
-    (plane, plane_mean), (space, space_mean) = found
+        distances.append((1e3 * tables.tip_distance(shape), 1e3 * mean))
+    (plane, plane_mean), (space, space_mean) = distances
     return (
         f'tip {space:.0f} mm in space, {plane:.0f} mm in the plane; mean of section 1 '
         f'{space_mean:.0f} and {plane_mean:.0f} mm',

@@ -1,6 +1,6 @@
-"""The paper's figures with all three models. Needs matplotlib.
+"""The paper's figures with all three models. This needs matplotlib.
 
-Axes are those of the paper's fixed frame: the base at the origin with t = (1, 0, 0),
+Axes are those of the paper's fixed frame: the base is at the origin with t = (1, 0, 0),
 n = (0, -1, 0) and b = (0, 0, -1).
 """
 
@@ -27,7 +27,7 @@ from octo_arm_model.reproduce.tables import UNKNOWN_TENSIONS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import MODELS
 
-# Of decreasing width, so that the lower lines stay visible where models agree.
+# The width of lines decreases, so that the lower ones stay visible where models agree.
 LINES: dict[str, dict[str, Any]] = {
     'renda2012': {'color': 'black', 'linewidth': 1.6},
     'closed_form': {'color': '#e69f00', 'linewidth': 1.1, 'dashes': (3.0, 2.0)},
@@ -52,7 +52,7 @@ STYLE: Any = {
     'grid.linewidth': 0.5,
     'xtick.major.width': 0.6,
     'ytick.major.width': 0.6,
-    # Identifiers in SVG files are derived from this, so that equal figures give equal files.
+    # Identifiers in SVG files are derived from this salt, so that equal figures give equal files.
     'svg.hashsalt': 'octo_arm_model',
 }
 
@@ -64,15 +64,15 @@ def _draw(
     view: Callable[[Backbone], FloatArray],
     anchorages: bool = False,
 ) -> None:
-    """A shape by every model, as a ``view`` has its points [mm]; a square is at the base."""
+    """Draw a shape by every model, with its points [mm] by a ``view`` and a square at the base."""
     for model in MODELS:
         shape = tables.solve(preset, model, tensions)
         points = view(shape)
         axes.plot(*points.T, **LINES[model], label=model)
         if anchorages:
             dots: dict[str, Any] = {'color': LINES[model]['color'], 'markersize': 2.6}
-            at = points[tables.anchorages(shape)]
-            axes.plot(*at.T, 'o', **dots, label='anchorages and tip')
+            ends = points[tables.anchorages(shape)]
+            axes.plot(*ends.T, 'o', **dots, label='anchorages and tip')
     axes.plot(*points[[0]].T, 's', color='black', markersize=3)
 
 
@@ -85,14 +85,14 @@ def _in_plane(shape: Backbone) -> FloatArray:
 
 
 def _draw_body(axes: Any, preset: str, tensions: Tensions) -> None:
-    """Bodies in the x-y plane, that of the paper's model with its thickness to scale."""
+    """Draw shapes in the x-y plane, and the body of the paper's model to scale."""
     shape = tables.solve(preset, 'renda2012', tensions)
     radius = tables.solver(preset, 'renda2012').arm.body.radius(shape.s)
     along = np.gradient(shape.position[:, :2], axis=0)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     across *= (radius / np.linalg.norm(across, axis=1))[:, np.newaxis]
-    one, other = (1e3 * (shape.position[:, :2] + side * across) for side in (1.0, -1.0))
-    faces = np.stack([one[:-1], one[1:], other[1:], other[:-1]], axis=1)
+    left, right = (1e3 * (shape.position[:, :2] + side * across) for side in (1.0, -1.0))
+    faces = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)
     look: dict[str, Any] = {'facecolor': _BODY, 'edgecolor': _BODY, 'linewidth': 0.3}
     axes.add_collection(PolyCollection(list(faces), **look, label='body (renda2012)'))
     _draw(axes, preset, tensions, _in_plane, anchorages=True)
@@ -102,7 +102,7 @@ def _draw_body(axes: Any, preset: str, tensions: Tensions) -> None:
 def _draw_space(
     axes: Any, preset: str, tensions: Tensions, elevation: float, azimuth: float
 ) -> FloatArray:
-    """A shape in space, its axes to one scale; returns their ends [mm], (3, 2)."""
+    """Draw a shape in space with axes of one scale, and return their limits (3, 2) [mm]."""
     _draw(axes, preset, tensions, lambda shape: 1e3 * shape.position, anchorages=True)
     points = [tables.solve(preset, model, tensions).position for model in MODELS]
     limits = 1e3 * equal_axes(np.array(points), 0.54)
@@ -120,7 +120,7 @@ def _draw_space(
 
 
 def _add_legend(figure: Figure) -> None:
-    """Add a legend of one row above the axes, each label once."""
+    """Add a legend in one row above the axes, with each label once."""
     if figure.axes[0].get_subplotspec() is not None:
         top = 1.0 - _LEGEND / figure.get_figheight()
         figure.set_layout_engine('compressed', rect=(0, 0, 1, top))
@@ -133,7 +133,7 @@ def _add_legend(figure: Figure) -> None:
 
 
 def figure_8(figure: Figure) -> None:
-    """The arm of section 5.1, at tensions of our choice."""
+    """Draw the arm of section 5.1 at tensions of our choice."""
     grid = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, tension in zip(grid.flat, UNKNOWN_TENSIONS, strict=True):
         _draw_body(axes, 'fem', tables.pull(1, (tension, 0.0, 0.0, 0.0), 1))
@@ -143,17 +143,17 @@ def figure_8(figure: Figure) -> None:
 
 
 def figure_9(figure: Figure) -> None:
-    """The prototype of section 5.2, at 3 N and at the tensions of Table 1."""
+    """Draw the prototype of section 5.2 at 3 N and at the tensions of Table 1."""
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     _draw_body(left, 'prototype', tables.pull(1, (PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1))
     left.set(title=f'Figure 9: $T_{{11}}$ = {PROTOTYPE_IN_FIGURE_9:g} N', ylabel='y [mm]')
     for tension in PROTOTYPE_ERRORS:
-        pulled = tables.pull(1, (tension, 0.0, 0.0, 0.0), 1)
-        _draw(right, 'prototype', pulled, _in_plane)
-        tips = np.array([tables.solve('prototype', model, pulled).tip[:2] for model in MODELS])
-        place = 1e3 * tips[:, 0].mean(), 1e3 * tips[:, 1].min() - 4.0
+        tensions = tables.pull(1, (tension, 0.0, 0.0, 0.0), 1)
+        _draw(right, 'prototype', tensions, _in_plane)
+        tips = np.array([tables.solve('prototype', model, tensions).tip[:2] for model in MODELS])
+        position = 1e3 * tips[:, 0].mean(), 1e3 * tips[:, 1].min() - 4.0
         look: dict[str, Any] = {'ha': 'center', 'va': 'top', 'rotation': 90, 'fontsize': 7}
-        right.text(place[0], place[1], f'{tension:.2f}', **look)
+        right.text(position[0], position[1], f'{tension:.2f}', **look)
     right.set(title='Table 1: $T_{11}$ [N] at the tip', aspect='equal')
     for axes in (left, right):
         axes.set(xlabel='x [mm]', xlim=(-12.0, 292.0), ylim=(-178.0, 25.0))
@@ -161,18 +161,18 @@ def figure_9(figure: Figure) -> None:
 
 
 def figure_10(figure: Figure) -> None:
-    """Bending planes and the ratio of the tensions that make them."""
+    """Draw bending planes, with the ratio of the tensions of each."""
     axes, reach = figure.subplots(), 0.0
     for plane in PLANES:
-        pulled = tables.pull(1, tables.pair(plane), 3)
-        _draw(axes, 'table2', pulled, _from_tip)
-        shapes = (tables.solve('table2', model, pulled) for model in MODELS)
+        tensions = tables.pull(1, tables.pair(plane), 3)
+        _draw(axes, 'table2', tensions, _from_tip)
+        shapes = (tables.solve('table2', model, tensions) for model in MODELS)
         reach = max(reach, *(float(np.hypot(*_from_tip(shape).T).max()) for shape in shapes))
     for plane in PLANES:
         angle = np.deg2rad(plane)
-        place = np.array([1.4, 1.33]) * reach * (np.cos(angle), np.sin(angle))
+        position = np.array([1.4, 1.33]) * reach * (np.cos(angle), np.sin(angle))
         look: dict[str, Any] = {'ha': 'center', 'va': 'center', 'fontsize': 7, 'linespacing': 1.2}
-        axes.text(place[0], place[1], f'${plane}$°\n{_ratio_of(plane)}', **look)
+        axes.text(position[0], position[1], f'${plane}$°\n{_ratio_of(plane)}', **look)
     ticks = range(-100, 101, 50)
     axes.set(xlabel='along $b$ [mm]', xlim=(-1.68 * reach, 1.68 * reach), xticks=ticks)
     axes.set(ylabel='along $-n$ [mm]', ylim=(-1.5 * reach, 1.5 * reach), yticks=ticks)
@@ -181,7 +181,7 @@ def figure_10(figure: Figure) -> None:
 
 
 def _ratio_of(plane: int) -> str:
-    """The pulled cables of section 1 and the ratio of their tensions, as mathtext."""
+    """Return the pulled cables of section 1 and the ratio of their tensions as mathtext."""
     tensions = tables.pair(plane)
     names = {j: f'T_{{1{j}}}' for j in (1, 3, 2, 4) if tensions[j - 1] > 0.0}
     if len(names) == 1:
@@ -192,7 +192,7 @@ def _ratio_of(plane: int) -> str:
 
 
 def figure_11(figure: Figure) -> None:
-    """Three planes of bending, in space and seen from the tip."""
+    """Draw three planes of bending, in space and seen from the tip."""
     for column, (panel, tensions) in enumerate(BENDING.items()):
         plane = tables.law(tensions)
         in_space = figure.add_axes(
@@ -214,7 +214,7 @@ def figure_11(figure: Figure) -> None:
 
 
 def figure_12(figure: Figure) -> None:
-    """Degrees of freedom along the arm of Figure 11(A)."""
+    """Draw the degrees of freedom along the arm of Figure 11(A)."""
     grid = figure.subplots(2, 2, sharex=True)
     labels = {
         'tau': 'torsion $\\tau$ [1/m]',
@@ -233,7 +233,7 @@ def figure_12(figure: Figure) -> None:
 
 
 def figure_14(figure: Figure) -> None:
-    """Fetching in one plane."""
+    """Draw fetching in one plane."""
     axes = figure.subplots()
     _draw_body(axes, 'table4', FETCHING_IN_PLANE)
     axes.set(xlabel='x [mm]', ylabel='y [mm]')
@@ -241,18 +241,22 @@ def figure_14(figure: Figure) -> None:
 
 
 def figure_15(figure: Figure) -> None:
-    """Views of fetching in three dimensions."""
+    """Draw views of fetching in three dimensions."""
     in_space = figure.add_axes((0.53, 0.5, 0.44, 0.45), projection='3d', computed_zorder=False)
     limits = _draw_space(in_space, 'table4', FETCHING_IN_SPACE, 30.0, 35.0)
-    # Orthographic views: neighbours share an axis.
-    for place, seen in (((0.085, 0.56), [0, 2]), ((0.085, 0.08), [0, 1]), ((0.57, 0.08), [2, 1])):
-        axes = figure.add_axes((*place, 0.4, 0.375))
+    # These are orthographic views; neighbours share an axis.
+    for corner, axes_seen in (
+        ((0.085, 0.56), [0, 2]),
+        ((0.085, 0.08), [0, 1]),
+        ((0.57, 0.08), [2, 1]),
+    ):
+        axes = figure.add_axes((*corner, 0.4, 0.375))
 
-        def view(shape: Backbone, seen: list[int] = seen) -> FloatArray:
-            return 1e3 * shape.position[:, seen]
+        def view(shape: Backbone, axes_seen: list[int] = axes_seen) -> FloatArray:
+            return 1e3 * shape.position[:, axes_seen]
 
         _draw(axes, 'table4', FETCHING_IN_SPACE, view, anchorages=True)
-        across, up = (f'{"xyz"[axis]} [mm]' for axis in seen)
-        xlim, ylim = limits[seen]
+        across, up = (f'{"xyz"[axis]} [mm]' for axis in axes_seen)
+        xlim, ylim = limits[axes_seen]
         axes.set(xlabel=across, ylabel=up, aspect='equal', xlim=xlim, ylim=ylim)
     _add_legend(figure)

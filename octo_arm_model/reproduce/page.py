@@ -1,7 +1,4 @@
-"""The page of figures, tables and claims, as one HTML file that needs nothing else.
-
-Needs matplotlib.
-"""
+"""The page of figures, tables and claims as a self-contained HTML file. This needs matplotlib."""
 
 import base64
 import html
@@ -19,7 +16,7 @@ from octo_arm_model.reproduce.tables import DataTable
 from octo_arm_model.rod.solver import MODELS
 
 _TITLE = 'Renda et al. 2012, reproduced'
-_WIDTH = 6.7  # of the text [in]: A4 less its margins
+_WIDTH = 6.7  # width of the text [in], which is A4 less its margins
 _CSS = """
 html { font: 17px/1.45 'STIX Two Text', 'Times New Roman', Times, serif; color: #111; }
 body { max-width: 46rem; margin: 3rem auto; padding: 0 1rem; }
@@ -79,7 +76,7 @@ _MISSING = (
     'Section 4: the density of the silicone, and so how well weight and buoyancy cancel.',
     'Sections 1 and 7: how fast is fast enough.',
 )
-# Name, caption, height [in], and what draws it.
+# Caption, height [in] and drawing function of each figure, by name.
 _FIGURES: dict[str, tuple[str, float, Callable[[Figure], None]]] = {
     'Figure 8': (
         'Arm of section 5.1, one cable; the body is true to scale, the tensions above '
@@ -120,7 +117,7 @@ _FIGURES: dict[str, tuple[str, float, Callable[[Figure], None]]] = {
         figures.figure_15,
     ),
 }
-# Headings, and the figures and tables below each.
+# The figures and tables below each heading.
 _SECTIONS: dict[str, tuple[str | Callable[[], DataTable], ...]] = {
     'The arms': (tables.arms,),
     '5.1 Analytical versus FEM model': ('Figure 8', tables.finite_elements),
@@ -131,7 +128,7 @@ _SECTIONS: dict[str, tuple[str | Callable[[], DataTable], ...]] = {
 
 
 def summary(claims: Sequence[Claim]) -> str:
-    """How many ``claims`` hold, by model, in a sentence."""
+    """Return a sentence that says how many ``claims`` hold for each model."""
     held = {model: sum(claim.findings[model][1] for claim in claims) for model in MODELS}
     counts = (f'{model} {count} of {len(claims)}' for model, count in held.items())
     return f'Claims that hold: {", ".join(counts)}.'
@@ -140,9 +137,9 @@ def summary(claims: Sequence[Claim]) -> str:
 def as_html(
     claims: Sequence[Claim], progress: Callable[[int, int], None] = lambda done, total: None
 ) -> str:
-    """The page, in the order of the paper; well-formed XML too.
+    """Return the page in the order of the paper, as HTML that is also well-formed XML.
 
-    ``progress`` is called with the numbers of pictures drawn and of all.
+    ``progress`` is called with the number of figures drawn and the number of all figures.
     """
     parts = [f'<h1>{_TITLE}</h1>', *map(_paragraph, _ABOUT), _heading('What the text claims')]
     parts += [_paragraph(f'The paper’s words, shortened. {summary(claims)}'), *map(_claim, claims)]
@@ -167,7 +164,7 @@ def as_html(
 
 
 def _text(text: str) -> str:
-    """``text`` with minus signs where numbers have hyphens, and no line broken before a unit."""
+    """Return ``text`` as HTML, with minus signs in numbers and no line break before a unit."""
     text = re.sub(r'(?<![\w.])-(?=\d)', '\N{MINUS SIGN}', text)
     return html.escape(re.sub(r'(?<=\d) (?=(%|N|mm|ms)\b|%)', '\N{NO-BREAK SPACE}', text))
 
@@ -197,7 +194,7 @@ def _figure(name: str) -> str:
     with matplotlib.rc_context(figures.STYLE):
         figure, file = Figure(figsize=(_WIDTH, height)), io.BytesIO()
         draw(figure)
-        # Without the date, so that the same figure gives the same file.
+        # The date is left out, so that the same figure gives the same file.
         figure.savefig(file, format='svg', metadata={'Date': None})
     svg = base64.b64encode(file.getvalue()).decode()
     return (

@@ -1,4 +1,4 @@
-"""The paper's arms and quantities of their shapes; its tables, beside the models' numbers."""
+"""The paper's arms, quantities of their shapes, and its tables with the models' numbers."""
 
 import functools
 import itertools
@@ -18,39 +18,38 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import MODELS, Solver
 
-# Enough for a smooth drawing of the coiled tip.
-STATIONS = 401
+STATIONS = 401  # enough for a smooth drawing of the coiled tip
 
 
 @functools.cache
 def config(preset: str) -> Config:
-    """Configuration of the paper's arm ``preset``: fem, prototype, table2 or table4."""
+    """Return the configuration of an arm of the paper: fem, prototype, table2 or table4."""
     return load_config(preset_path(f'renda2012_{preset}'))
 
 
 @functools.cache
 def solver(preset: str, model: str) -> Solver:
-    """Solver of the paper's arm ``preset``."""
+    """Return the solver of the paper's arm ``preset`` by a ``model``."""
     return config(preset).solver(model, STATIONS)
 
 
 @functools.cache
 def solve(preset: str, model: str, tensions: Tensions) -> Backbone:
-    """Shape of the paper's arm ``preset``."""
+    """Return the shape of the paper's arm ``preset`` by a ``model`` under ``tensions`` [N]."""
     return solver(preset, model).solve(tensions)
 
 
 def pull(section: int, tensions: tuple[float, float, float, float], sections: int) -> Tensions:
-    """``tensions`` [N] of one ``section``, numbered from the tip, of ``sections``."""
+    """Return tensions [N] of an arm of which one ``section``, numbered from the tip, is pulled."""
     rows = [(0.0, 0.0, 0.0, 0.0)] * sections
     rows[section - 1] = tensions
     return tuple(rows)
 
 
 def pair(plane: float) -> tuple[float, float, float, float]:
-    """Tensions of amplitude 1 N of two neighbours that bend the arm in ``plane`` [deg].
+    """Return tensions of amplitude 1 N that bend the arm in ``plane`` [deg], by the inverse `law`.
 
-    The inverse of `law`.
+    At most two neighbouring tendons are pulled.
     """
     sine, cosine = np.sin(np.deg2rad(plane)), np.cos(np.deg2rad(plane))
     t1, t2, t3, t4 = np.maximum(0.0, np.round((-sine, cosine, sine, -cosine), 15)).tolist()
@@ -58,44 +57,44 @@ def pair(plane: float) -> tuple[float, float, float, float]:
 
 
 def law(tensions: Tensions) -> float:
-    """Bending plane of one loaded section by the paper's law [deg].
+    """Return the bending plane [deg] of one loaded section by the paper's law.
 
-    It is measured in the axes b and -n of the base (section 6.1, Figure 10).
+    It is measured in the axes b and -n of the base. Source: section 6.1, Figure 10.
     """
     t1, t2, t3, t4 = np.sum(tensions, axis=0)
     return float(np.rad2deg(np.arctan2(t3 - t1, t2 - t4)))
 
 
 def seen_from_tip(backbone: Backbone) -> FloatArray:
-    """Points along b and -n of the base (stations, 2) [m], as Figure 10 shows them."""
+    """Return the points along b and -n of the base (stations, 2) [m], as Figure 10 shows them."""
     axes = axes_of(backbone.quaternion[0])
     local = (backbone.position - backbone.position[0]) @ axes
     return np.stack([local[:, 2], -local[:, 1]], axis=1)
 
 
 def bending_plane(backbone: Backbone) -> float:
-    """Direction of the point furthest from the axis of the base, measured as `law` is [deg]."""
+    """Return the direction [deg] of the point furthest from the axis of the base, as in `law`."""
     points = seen_from_tip(backbone)
     along_b, along_minus_n = points[np.hypot(*points.T).argmax()]
     return float(np.rad2deg(np.arctan2(along_minus_n, along_b)))
 
 
-def angle_between(one: float, other: float) -> float:
-    """Angle between two directions [deg], from 0 to 180."""
-    return abs((one - other + 180.0) % 360.0 - 180.0)
+def angle_between(a: float, b: float) -> float:
+    """Return the angle between two directions [deg], from 0 to 180."""
+    return abs((a - b + 180.0) % 360.0 - 180.0)
 
 
 def out_of_plane(backbone: Backbone) -> float:
-    """Largest distance of a point from the plane that fits all of them best [m]."""
+    """Return the largest distance of a point from the plane that fits all points best [m]."""
     centred = backbone.position - backbone.position.mean(axis=0)
     normal = np.linalg.svd(centred, full_matrices=False)[2][-1]
     return float(np.abs(centred @ normal).max())
 
 
 def turns(backbone: Backbone) -> dict[int, float]:
-    """Angle each section of a plane shape bends by [deg], by section, base first."""
+    """Return the bending angle [deg] of each section of a plane shape, by section, base first."""
     axes, ends = axes_of(backbone.quaternion), {}
-    # Of the tangent in the plane of t and n of the base, from t towards n, the side of tendon 1.
+    # The heading of the tangent in the plane of t and n of the base, from t towards n (tendon 1).
     along_t, along_n = axes[:, :2, 0].T @ axes[:, 0]
     heading = np.rad2deg(np.unwrap(np.arctan2(along_n, along_t)))
     for section in dict.fromkeys(backbone.section.tolist()):
@@ -106,22 +105,22 @@ def turns(backbone: Backbone) -> dict[int, float]:
 
 
 def anchorages(backbone: Backbone) -> list[int]:
-    """Stations of the anchorages, base first."""
+    """Return the stations of the anchorages, base first."""
     return [*np.flatnonzero(np.diff(backbone.section)).tolist(), backbone.s.size - 1]
 
 
 def tip_rotation(backbone: Backbone) -> float:
-    """Rotation of the tip about the tangent by torsion, the integral of tau [deg]."""
+    """Return the rotation of the tip about the tangent by torsion, the integral of tau [deg]."""
     rate = backbone.tau * (1.0 + backbone.q)
     return float(np.rad2deg(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(backbone.s))))
 
 
 def tip_distance(backbone: Backbone) -> float:
-    """Distance of the tip from the base [m]."""
+    """Return the distance of the tip from the base [m]."""
     return float(np.linalg.norm(backbone.tip - backbone.position[0]))
 
 
-UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], for Figure 8, of which the paper prints none
+UNKNOWN_TENSIONS = (0.02, 0.05, 0.1, 0.2)  # [N], for Figure 8, as the paper prints none for it
 _ARMS = {
     'Table 2': 'table2',
     'Table 4': 'table4',
@@ -132,13 +131,13 @@ _ARMS = {
 
 @dataclass(frozen=True)
 class DataTable:
-    """A table; all columns but the first are numbers.
+    """A table in which all columns but the first are numbers.
 
     Attributes:
-        title: text above it.
+        title: text above the table.
         header: names of the columns.
-        rows: cells, as many to a row as the header has.
-        note: text below it.
+        rows: cells, row by row, as many as the header has in each.
+        note: text below the table.
     """
 
     title: str
@@ -148,7 +147,7 @@ class DataTable:
 
 
 def arms() -> DataTable:
-    """Tables 2 and 4, and the arms of section 5."""
+    """Return Tables 2 and 4, with the arms of section 5."""
     return DataTable(
         'Tables 2 and 4, sections 5.1 and 5.2. Lengths in mm, E in kPa.',
         ('', 'E', 'ν', 'L = l1', 'Rmin', 'Rmax', 'b1', 'a1', 'b2', 'a2', 'l2', 'b3', 'a3', 'l3'),
@@ -174,7 +173,7 @@ def _parameters(arm: Arm) -> list[str]:
 
 
 def finite_elements() -> DataTable:
-    """Figure 8 in numbers."""
+    """Return the numbers of Figure 8."""
     return DataTable(
         'Figure 8 in numbers: tips of the arm of section 5.1.',
         ('T11 [N]', *_TIPS),
@@ -184,7 +183,7 @@ def finite_elements() -> DataTable:
 
 
 def tip_errors() -> DataTable:
-    """Table 1, with the tips of the models."""
+    """Return Table 1, with the tips of the models."""
     rows = [
         (f'{tension:.2f}', f'{error:.1f}', *_tips('prototype', tension))
         for tension, error in paper_data.PROTOTYPE_ERRORS.items()
@@ -207,16 +206,16 @@ _TIPS = (
 
 
 def _tips(preset: str, tension: float) -> list[str]:
-    """The columns `_TIPS` of an arm with one cable."""
-    pulled = pull(1, (tension, 0.0, 0.0, 0.0), 1)
-    shapes = [solve(preset, model, pulled) for model in MODELS]
+    """Return the columns `_TIPS` of an arm with one cable."""
+    tensions = pull(1, (tension, 0.0, 0.0, 0.0), 1)
+    shapes = [solve(preset, model, tensions) for model in MODELS]
     first, length = shapes[0], shapes[0].s[-1]
-    apart = [float(np.linalg.norm(shape.tip - first.tip)) / length for shape in shapes[1:]]
-    return [*(_point(shape) for shape in shapes), *(f'{100.0 * value:.1f}' for value in apart)]
+    distances = [float(np.linalg.norm(shape.tip - first.tip)) / length for shape in shapes[1:]]
+    return [*(_point(shape) for shape in shapes), *(f'{100.0 * value:.1f}' for value in distances)]
 
 
 def tensions() -> DataTable:
-    """Tables 3 and 5."""
+    """Return Tables 3 and 5."""
     figures = {
         **{f'Figure 11({panel})': rows for panel, rows in paper_data.BENDING.items()},
         'Figure 14': paper_data.FETCHING_IN_PLANE,
@@ -234,12 +233,12 @@ def tensions() -> DataTable:
 
 
 def bending() -> DataTable:
-    """Shapes of Figure 11, by model."""
+    """Return the planes and tips of Figure 11, by model."""
     rows = []
-    for panel, pulled in paper_data.BENDING.items():
-        shapes = [solve('table2', model, pulled) for model in MODELS]
+    for panel, tensions in paper_data.BENDING.items():
+        shapes = [solve('table2', model, tensions) for model in MODELS]
         cells = [(f'{bending_plane(shape):.2f}', _point(shape, 3)) for shape in shapes]
-        rows.append((f'({panel})', f'{law(pulled):.0f}', *itertools.chain(*cells)))
+        rows.append((f'({panel})', f'{law(tensions):.0f}', *itertools.chain(*cells)))
     return DataTable(
         'Figure 11 in numbers: plane [°] and tip x, y, z [mm].',
         ('', 'caption', *(f'{model}: {what}' for model in MODELS for what in ('plane', 'tip'))),
@@ -248,14 +247,14 @@ def bending() -> DataTable:
 
 
 def fetching() -> DataTable:
-    """Shapes of Figures 14 and 15, by model."""
+    """Return quantities of the shapes of Figures 14 and 15, by model."""
     rows = []
-    for figure, pulled in (
+    for figure, tensions in (
         ('Figure 14', paper_data.FETCHING_IN_PLANE),
         ('Figure 15', paper_data.FETCHING_IN_SPACE),
     ):
         for model in MODELS:
-            shape = solve('table4', model, pulled)
+            shape = solve('table4', model, tensions)
             rows.append(
                 (
                     f'{figure}, {model}',
