@@ -245,18 +245,14 @@ def figure_15(figure: Figure) -> None:
     in_space = figure.add_axes((0.53, 0.5, 0.44, 0.45), projection='3d', computed_zorder=False)
     limits = _draw_space(in_space, 'table4', FETCHING_IN_SPACE, 30.0, 35.0)
     # These are orthographic views; neighbours share an axis.
-    for corner, axes_seen in (
-        ((0.085, 0.56), [0, 2]),
-        ((0.085, 0.08), [0, 1]),
-        ((0.57, 0.08), [2, 1]),
-    ):
+    for corner, pair in (((0.085, 0.56), [0, 2]), ((0.085, 0.08), [0, 1]), ((0.57, 0.08), [2, 1])):
         axes = figure.add_axes((*corner, 0.4, 0.375))
 
-        def view(shape: Backbone, axes_seen: list[int] = axes_seen) -> FloatArray:
-            return 1e3 * shape.position[:, axes_seen]
+        def view(shape: Backbone, pair: list[int] = pair) -> FloatArray:
+            return 1e3 * shape.position[:, pair]
 
         _draw(axes, 'table4', FETCHING_IN_SPACE, view, anchorages=True)
-        across, up = (f'{"xyz"[axis]} [mm]' for axis in axes_seen)
-        xlim, ylim = limits[axes_seen]
+        across, up = (f'{"xyz"[axis]} [mm]' for axis in pair)
+        xlim, ylim = limits[pair]
         axes.set(xlabel=across, ylabel=up, aspect='equal', xlim=xlim, ylim=ylim)
     _add_legend(figure)
