@@ -104,21 +104,21 @@ class Answers:
         lengths: FloatArray | None = None
         try:
             if motion is None:
-                solved = self._winding.answer(self._solver, self._config, None, *arguments)
-                lengths = self._solver.tendon_lengths(solved.backbone) if has_lengths else None
+                answer = self._winding.answer(self._solver, self._config, None, *arguments)
+                lengths = self._solver.tendon_lengths(answer.backbone) if has_lengths else None
                 are_wound = bool(self._winding.displacements)
             else:
                 motion.read(*arguments)
                 state, are_wound = motion.state, motion.is_wound
-                solved = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
+                answer = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
                 if self._config.uncertainty.is_any:
                     unknown = ConfigError('the covariance of an arm that moves is not known')
-                    solved = solved._replace(covariance=None, unknown=unknown)
+                    answer = answer._replace(covariance=None, unknown=unknown)
                 lengths = motion.dynamics.tendon_lengths(state) if has_lengths else None
         except OctoArmError as error:
             # Displacements may be of tendons that the arm does not have.
             return Answer((), str(error), is_failure=isinstance(error, SolveError))
-        backbone, covariance, unknown_reason = solved
+        backbone, covariance, unknown_reason = answer
         writer, stamp = self._writer, reading.stamp
         tip_covariance = _KNOWN if covariance is None else covariance
         messages: list[bytes | None] = [*writer.all(backbone, tip_covariance, *stamp)]

@@ -50,7 +50,7 @@ def namespace(topic: str, usual: Iterable[str]) -> str:
 
 
 def offer_one_arm(reader: BagReader, named: str | None) -> None:
-    """Offer no topics of other arms than that of the one that is ``named``, if one is.
+    """Restrict the topics for defaults to the arm of the topic ``named``, if that is not None.
 
     An arm is a namespace with tensions or displacements.
     """
@@ -60,18 +60,18 @@ def offer_one_arm(reader: BagReader, named: str | None) -> None:
 
 
 def topics_of_arm(reader: BagReader, prefix: str) -> dict[str, str]:
-    """Topics and their types, without those of other arms than that in the ``prefix``."""
+    """Return topics and their types, without those of arms in other namespaces than ``prefix``."""
     tendons = (*TENSION_TOPICS, DISPLACEMENTS)
-    arms = {namespace(one, tendons) for one in reader.topics if names(one, *tendons)}
+    arms = {namespace(name, tendons) for name in reader.topics if names(name, *tendons)}
     if prefix not in arms:
         return reader.topics
-    own = {}
+    selected = {}
     for topic, type_name in reader.topics.items():
-        arm = max((one for one in arms if topic.startswith(one)), key=len, default=prefix)
-        # What has another name and no namespace may be a camera's, of all arms.
+        arm = max((name for name in arms if topic.startswith(name)), key=len, default=prefix)
+        # A topic of another name without a namespace may be of a camera that sees all arms.
         if arm == prefix or (arm == '/' and not names(topic, *_MEASURED, DESCRIPTION)):
-            own[topic] = type_name
-    return own
+            selected[topic] = type_name
+    return selected
 
 
 def pick_topic(
@@ -340,7 +340,7 @@ def find_arms(
         BagError: if there are no tensions, or a topic is named twice.
         ConfigError: if there is no description.
     """
-    driven = list(filter(None, (pick_displacements(reader, one) for one in displacements)))
+    displaced = list(filter(None, (pick_displacements(reader, one) for one in displacements)))
     picked = []
     for topic in topics:
         name = reader.full_name(topic)
@@ -349,21 +349,21 @@ def find_arms(
     if len({one.topic for one in picked}) < len(picked):
         raise BagError(f'--topics names {" ".join(topics)}, expected each topic once')
     if not topics:
-        usual = {} if driven else {DISPLACEMENTS: DISPLACEMENT_TYPE}
+        usual = {} if displaced else {DISPLACEMENTS: DISPLACEMENT_TYPE}
         usual |= {name: kind.type_name for name, kind in TENSION_TOPICS.items()}
         for name, kind in usual.items():
             found = usual_topics(reader, name, (kind,))
             picked += [Source(topic, '', name == DISPLACEMENTS) for topic in found]
-        picked = sorted(picked) or ([] if driven else [pick_tensions(reader, None)])
+        picked = sorted(picked) or ([] if displaced else [pick_tensions(reader, None)])
     by_prefix: dict[str, list[Source]] = {}
-    for source in {one.topic: one for one in (*picked, *driven)}.values():
+    for source in {one.topic: one for one in (*picked, *displaced)}.values():
         prefix = namespace(source.topic, (*TENSION_TOPICS, DISPLACEMENTS))
         by_prefix.setdefault(prefix, []).append(source)
     arms = []
-    for prefix, own in by_prefix.items():
+    for prefix, sources in by_prefix.items():
         values = dict(parameters if parameters is not None else describe(reader, prefix))
         values |= {**({} if model is None else {'model': model}), **calibration}
-        arms.append(RecordedArm(prefix, tuple(own), values))
+        arms.append(RecordedArm(prefix, tuple(sources), values))
     return arms
 
 
@@ -376,8 +376,8 @@ def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
         ConfigError: if there is no description, or it describes no valid arm.
         BagError: if the bag is damaged.
     """
-    own = topics_of_arm(reader, prefix)
-    topics = [one for one in usual_topics(reader, DESCRIPTION, (STRING,)) if one in own]
+    of_arm = topics_of_arm(reader, prefix)
+    topics = [topic for topic in usual_topics(reader, DESCRIPTION, (STRING,)) if topic in of_arm]
     if prefix + DESCRIPTION in topics:
         topics = [prefix + DESCRIPTION]
     if len(topics) != 1:
