@@ -1,4 +1,4 @@
-"""What programs share on a terminal: parser of options, how they end, line of numbers, logs."""
+"""What the programs share on a terminal: option parser, exit status, status line and logs."""
 
 import argparse
 import contextlib
@@ -14,7 +14,7 @@ from typing import Any, NoReturn, TextIO
 
 from octo_arm_model.arm.errors import OctoArmError
 
-_PERIOD = 0.1  # between two states of the line on a terminal [s]
+_PERIOD = 0.1  # [s] between two updates of the status line on a terminal
 # Extras of setup.py, which bounds their versions, with the modules that they bring.
 _EXTRAS = {
     'bags': ('apsw', 'backports', 'lz4', 'rosbags'),
@@ -27,9 +27,9 @@ _EXTRAS = {
 
 
 class _StoreOnce(argparse.Action):
-    """Stores the value of an option, which is given once: a second one would replace it.
+    """Stores the value of an option and refuses a second one, which would replace the first.
 
-    The namespace has the names of those given as ``given``.
+    The attribute ``given`` of the namespace is the set of names of the options that were given.
     """
 
     def __call__(
@@ -49,7 +49,7 @@ class _StoreOnce(argparse.Action):
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without all options, which --help lists."""
+    """Reports an error in one line and refers to --help instead of listing all options."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
@@ -61,7 +61,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def make_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentParser:
-    """Parser of a program, whose texts are printed as they are."""
+    """Return the parser of a program; its texts are printed without reformatting."""
     return _Parser(
         prog=prog,
         description=description,
@@ -71,13 +71,13 @@ def make_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentPa
 
 
 def fail(prog: str, problem: object, status: int = 2) -> int:
-    """Print ``problem`` as the error of the program ``prog``; returns its exit ``status``."""
+    """Print ``problem`` as the error of the program ``prog``, and return its exit ``status``."""
     print(f'{prog}: error: {problem}', file=sys.stderr)
     return status
 
 
 def status_of(prog: str, run: Callable[[], int]) -> int:
-    """Exit status of the program ``prog``, which ``run`` is: that, or that of its error."""
+    """Call ``run``, the program ``prog``, and return its exit status; an error is printed."""
     try:
         return run()
     except OctoArmError as error:
@@ -87,20 +87,20 @@ def status_of(prog: str, run: Callable[[], int]) -> int:
 
 
 def pipe_closed() -> int:
-    """Exit status where the reader has closed the pipe that is written to, as `head` does."""
-    # Python would report it again at exit.
+    """Return the exit status for a pipe that its reader has closed, as `head` does."""
+    # Python would report the closed pipe again at exit.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 141
 
 
 def missing(error: ModuleNotFoundError, *extras: str) -> str:
-    """What to install where ``error`` is raised, with all ``extras`` that the program may need."""
+    """Say what to install after ``error``; ``extras`` are those that the program may need."""
     module = (error.name or '').partition('.')[0]
     if module == 'octo_arm_model':
         raise error  # a fault of the package
-    if found := {name for name, modules in _EXTRAS.items() if module in modules}:
-        wanted = ','.join(sorted({*found, *extras}))
-        return f"needs {module}; install it with: pip install 'octo_arm_model[{wanted}]'"
+    if missing_extras := {name for name, modules in _EXTRAS.items() if module in modules}:
+        names = ','.join(sorted({*missing_extras, *extras}))
+        return f"needs {module}; install it with: pip install 'octo_arm_model[{names}]'"
     return (
         f'needs ROS 2 and the package octo_arm_msgs ({module} is missing): source them, or put '
         'tools/with_ros of the checkout in front'
@@ -109,32 +109,32 @@ def missing(error: ModuleNotFoundError, *extras: str) -> str:
 
 @contextlib.contextmanager
 def on_signals(handle: Callable[[int], None], same: float) -> Iterator[None]:
-    """Call ``handle`` with each SIGINT, SIGTERM and SIGHUP that comes within the block.
+    """Call ``handle`` with the number of each SIGINT, SIGTERM and SIGHUP within the block.
 
-    What whoever started the program ignores stays so. What comes less than ``same`` [s] after one
-    that was handled is that one again: shells and `timeout` send it to the program and its group.
+    A signal that the program was started to ignore stays ignored. A signal less than ``same`` [s]
+    after a handled one is dropped: shells and `timeout` signal both the program and its group.
     """
-    newest = -math.inf
+    handled_at = -math.inf
 
     def take(number: int, frame: object) -> None:
-        nonlocal newest
-        if (now := time.monotonic()) >= newest + same:
-            newest = now
+        nonlocal handled_at
+        if (now := time.monotonic()) >= handled_at + same:
+            handled_at = now
             handle(number)
 
-    before = {
-        number: how
+    previous = {
+        number: handler
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        if (how := signal.getsignal(number)) != signal.SIG_IGN
+        if (handler := signal.getsignal(number)) != signal.SIG_IGN
         and threading.current_thread() is threading.main_thread()
     }
-    for number in before:
+    for number in previous:
         signal.signal(number, take)
     try:
         yield
     finally:
-        for number, how in before.items():
-            signal.signal(number, how)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
 
 
 class StatusLine(contextlib.AbstractContextManager['StatusLine']):
@@ -153,32 +153,32 @@ class StatusLine(contextlib.AbstractContextManager['StatusLine']):
         self._is_open = False
 
     def show(self, describe: Callable[[], str], *, always: bool = False) -> None:
-        """Write what ``describe`` returns if the period is over, or ``always``."""
+        """Write what ``describe`` returns once the period is over, or at once if ``always``."""
         now = time.monotonic()
         if now - self._shown < self._period and not always:
             return
         self._shown, self._is_open = now, self.is_terminal
         try:
-            # Carriage return, and erase the rest of a longer text.
+            # Return to the start of the line, and erase the rest of a longer text.
             self._stream.write(f'\r{describe()}\x1b[K' if self.is_terminal else f'{describe()}\n')
             self._stream.flush()
         except BrokenPipeError:
             raise
-        except OSError:  # of a full disk: the work itself goes on
+        except OSError:  # such as a full disk, which must not stop the program
             self._is_open = False
 
     def __exit__(self, *_: object) -> None:
         self.leave()
 
     def leave(self) -> None:
-        """End the line, so that later output is below it."""
+        """End the line, so that later output appears below it."""
         if self._is_open:
             self._stream.write('\n')
             self._is_open = False
 
 
-class _Shown(logging.Handler):
-    """Calls a function for every record."""
+class _CallbackHandler(logging.Handler):
+    """Calls a function with every log record."""
 
     def __init__(self, show: Callable[[str, bool], object]) -> None:
         super().__init__(logging.INFO)
@@ -191,6 +191,6 @@ class _Shown(logging.Handler):
 def show_logs(show: Callable[[str, bool], object]) -> None:
     """Call ``show`` with the text of each record, and whether it is a warning or an error."""
     logger = logging.getLogger('octo_arm_model')
-    logger.handlers = [_Shown(show)]
+    logger.handlers = [_CallbackHandler(show)]
     logger.setLevel(logging.INFO)
     logger.propagate = False

@@ -1,1 +1,1 @@
-"""The command line octo-arm: a file for each command, and the options that commands share."""
+"""The command line octo-arm: one file for each command, and the options that they share."""

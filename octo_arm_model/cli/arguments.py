@@ -22,10 +22,10 @@ _CONFIG = 'ROS parameter file of the arm, or the name of a preset'
 
 
 def refuse_without_effect(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
-    """Check that options ``names`` are not given, since they do nothing ``why``.
+    """Check that none of the options ``names`` is given; ``why`` completes the message.
 
     Raises:
-        ConfigError: if one is.
+        ConfigError: if one is given, because it has no effect.
     """
     for name in names:
         key = name.lstrip('-').replace('-', '_')
@@ -48,7 +48,7 @@ def add_number(
 
 
 def add_vector(parser: Any, name: str, metavar: str, text: str) -> None:
-    """Add the option ``name`` for numbers, one for each word of ``metavar``."""
+    """Add the option ``name`` for a vector; ``metavar`` has a word for each component."""
     names = tuple(metavar.split())
     parser.add_argument(name, nargs=len(names), type=float, metavar=names, help=text)
 
@@ -59,11 +59,11 @@ def add_path(parser: Any, name: str, metavar: str, text: str) -> None:
 
 
 def path_of(text: str) -> Path:
-    """The path ``text`` is.
+    """Return ``text`` as a path.
 
     Raises:
-        ArgumentTypeError: if it is empty, as of a variable of a shell that is not set: it would
-            stand for the folder one is in.
+        ArgumentTypeError: if it is empty, for example from a shell variable that is not set: an
+            empty path would be the current folder.
     """
     if not text:
         raise argparse.ArgumentTypeError('empty, expected a path')
@@ -73,24 +73,24 @@ def path_of(text: str) -> Path:
 def add_value(
     parser: Any, name: str, metavar: str, text: str, kind: Callable[[str], Any] = str
 ) -> None:
-    """Add the option ``name`` for a value of a ``kind``; None where it is not given."""
+    """Add the option ``name`` for a value of type ``kind``; its default is None."""
     parser.add_argument(name, type=kind, metavar=metavar, help=text)
 
 
 def add_values(parser: Any, name: str, metavar: str, text: str, kind: type = str) -> None:
-    """Add the option ``name`` for one or more values of a ``kind``; none by default."""
+    """Add the option ``name`` for one or more values of type ``kind``; its default is []."""
     parser.add_argument(name, nargs='+', type=kind, default=[], metavar=metavar, help=text)
 
 
 def add_flag(parser: Any, name: str, text: str) -> None:
-    """Add the option ``name`` that is given or not."""
+    """Add the option ``name``, which takes no value."""
     parser.add_argument(name, action='store_true', help=text)
 
 
 def add_config_option(
     parser: argparse.ArgumentParser, default: str | None, otherwise: str = '', more: str = ''
 ) -> None:
-    """Add ``--config``; its help names the ``default``, or ``otherwise`` where there is none."""
+    """Add ``--config``; its help names the ``default``, or ``otherwise`` if that is None."""
     parser.add_argument(
         '--config',
         default=default,
@@ -100,7 +100,7 @@ def add_config_option(
 
 
 def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
-    """Parameters that ``--config`` names; None where it is not given.
+    """Return the parameters that ``--config`` names; None if it is not given.
 
     Raises:
         ConfigError: if there is no such file or preset, or it cannot be read.
@@ -111,32 +111,31 @@ def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
 def add_tendons(parser: argparse.ArgumentParser) -> None:
     """Add ``--tendons``, ``--motors`` and ``--spools``."""
     text = (
-        'what each tendon of the arm, from the tip, is called in what is read: a name, or a '
-        'number from 0 on where there are none, or - for one that is slack (default: '
-        'tension_names of the arm)'
+        'name of each tendon of the arm, from the tip, in the recording; a number from 0 on if '
+        'the recording has no names; - for a slack tendon (default: tension_names of the arm)'
     )
     add_values(parser, '--tendons', 'NAME', text)
     text = (
-        'what the encoder of each tendon, from the tip, is called in what is read, likewise; '
-        'tendons that one motor reels have the same (default: displacement_names of the arm)'
+        'name or number of the encoder of each tendon, from the tip, in the recording; tendons '
+        'on one motor share its encoder (default: displacement_names of the arm)'
     )
     add_values(parser, '--motors', 'NAME', text)
     text = (
-        'length reeled in per unit that encoders read [m], such as the radius of the spool for '
-        'radians, < 0 where the motor lets out, for all or for each tendon (default: '
-        'displacement_scale of the arm)'
+        'length reeled in per unit of the encoder [m], such as the radius of the spool for '
+        'radians; < 0 if a positive reading lets the tendon out; one number for all tendons or '
+        'one for each (default: displacement_scale of the arm)'
     )
     add_values(parser, '--spools', 'M', text, float)
 
 
 def read_calibration(options: argparse.Namespace) -> dict[str, Any]:
-    """Parameters that the options of `add_tendons` are."""
-    given = {
+    """Return the parameters that the options of `add_tendons` set."""
+    options_by_name = {
         'tension_names': options.tendons,
         'displacement_names': options.motors,
         'displacement_scale': options.spools,
     }
-    return {name: list(values) for name, values in given.items() if values}
+    return {name: list(values) for name, values in options_by_name.items() if values}
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
@@ -145,28 +144,28 @@ def add_model(parser: argparse.ArgumentParser) -> None:
 
 
 def add_storage(parser: argparse.ArgumentParser) -> None:
-    """Add ``--storage`` of a bag to write."""
+    """Add ``--storage``, the format of the bag OUT."""
     parser.add_argument(
         '--storage',
         choices=('mcap', 'sqlite3'),
         default='mcap',
-        help='of OUT (default: %(default)s)',
+        help='storage format of OUT (default: %(default)s)',
     )
 
 
 def add_json(parser: argparse.ArgumentParser, more: str = ', in SI units') -> None:
-    """Add ``--json``."""
+    """Add ``--json``; ``more`` continues its help."""
     add_flag(parser, '--json', f'print one JSON object{more}')
 
 
 def add_highest(parser: argparse.ArgumentParser, default: str, of: str = '') -> None:
-    """Add ``--highest``, bounds of the tensions; ``default`` describes the default."""
-    text = f'largest tension [N]{of}: one number, or rows as --tensions of solve; by default '
+    """Add ``--highest``, the upper limits of tensions; ``default`` describes the default."""
+    text = f'largest tension [N]{of}: one number, or rows as for solve --tensions; by default '
     add_value(parser, '--highest', 'N', text + default)
 
 
 def read_highest(options: argparse.Namespace) -> Any:
-    """Value of ``--highest``; None where it is not given.
+    """Return the value of ``--highest``; None if it is not given.
 
     Raises:
         TensionError: if it is not JSON, or neither a number nor a list.
@@ -181,34 +180,36 @@ def read_highest(options: argparse.Namespace) -> Any:
 
 
 def add_config_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the argument ``CONFIG``."""
+    """Add the positional argument ``CONFIG``."""
     parser.add_argument('config', metavar='CONFIG', help=f'{_CONFIG} such as renda2012_table4')
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
-    """Add the arm, and the options that replace values of its file."""
+    """Add the argument for the arm, and the options that replace values of its file."""
     add_config_argument(parser)
     add_model(parser)
-    add_value(parser, '--stations', 'N', 'stations, instead of those of the config', int)
+    add_value(parser, '--stations', 'N', 'number of stations, instead of that of the config', int)
     physics = parser.add_argument_group(
         'physics', 'instead of what the config says; with --model exact'
     )
     physics.add_argument('--material', choices=LAWS, help='elastic law of the cross sections')
     gravity = 'acceleration of gravity in base_frame [m/s^2], e.g. 0 0 -9.81'
     add_vector(physics, '--gravity', 'X Y Z', gravity)
-    add_value(physics, '--density', 'RHO', 'of the arm [kg/m^3]', float)
-    add_value(physics, '--fluid-density', 'RHO', 'of the surrounding fluid [kg/m^3]', float)
-    add_vector(physics, '--tip-force', 'X Y Z', 'in base_frame, or see --tip-frame [N]')
-    add_vector(physics, '--tip-moment', 'X Y Z', 'likewise [N m]')
+    add_value(physics, '--density', 'RHO', 'density of the arm [kg/m^3]', float)
+    text = 'density of the surrounding fluid [kg/m^3]'
+    add_value(physics, '--fluid-density', 'RHO', text, float)
+    text = 'on the tip, in base_frame or in the axes of --tip-frame'
+    add_vector(physics, '--tip-force', 'X Y Z', f'force {text} [N]')
+    add_vector(physics, '--tip-moment', 'X Y Z', f'moment {text} [N m]')
     physics.add_argument(
         '--tip-frame',
         choices=TIP_FRAMES,
-        help='axes of these: tip for t, n and b of the tip, with which they turn, or base',
+        help='axes of force and moment: base, or tip for its t, n and b, which turn with it',
     )
 
 
 def read_config(options: argparse.Namespace) -> Config:
-    """The config of `add_config`'s options.
+    """Return the config that the options of `add_config` describe.
 
     Raises:
         ConfigError: if there is no such file or preset, or it does not describe an arm, or the
@@ -221,9 +222,9 @@ def read_config(options: argparse.Namespace) -> Config:
 def _read(
     options: argparse.Namespace, moves: bool, motion: dict[str, Any] | None = None
 ) -> tuple[Config, dict[str, Any]]:
-    """The config of `add_config`'s options, of an arm that perhaps ``moves``, and its parameters.
+    """Return the config of `add_config`'s options for an arm that ``moves``, and its parameters.
 
-    Those of its ``motion`` replace the file's; None stands for the default.
+    Parameters in ``motion`` replace those of the file; None stands for the default.
     """
     file = load_config(options.config)
     model = options.model or file.model
@@ -231,7 +232,7 @@ def _read(
         refuse_without_effect(
             options, ('--material', '--density'), f'on {model}, which knows neither: choose exact'
         )
-    given = {
+    replacements = {
         'model': options.model,
         'stations': options.stations,
         'material.law': options.material,
@@ -243,7 +244,7 @@ def _read(
         'loads.tip_frame': options.tip_frame,
     }
     parameters = load_parameters(options.config)
-    parameters |= {name: value for name, value in given.items() if value is not None}
+    parameters |= {name: value for name, value in replacements.items() if value is not None}
     parameters |= motion or {}
     parameters = {name: value for name, value in parameters.items() if value is not None}
     config = Config.from_parameters(parameters)
@@ -255,19 +256,20 @@ def _read(
 
 
 def add_moving_arm(parser: argparse.ArgumentParser) -> None:
-    """As `add_config`, and the options of its damping."""
+    """Add the arm of `add_config`, and the options for its damping and the water."""
     add_config(parser)
     motion = parser.add_argument_group('motion', 'instead of what the config says')
-    add_value(motion, '--viscosity', 'ETA', 'of the material [Pa s]', float)
+    add_value(motion, '--viscosity', 'ETA', 'viscosity of the material [Pa s]', float)
     water = 'coefficients of drag and added mass, in a fluid of --fluid-density'
     motion.add_argument('--water', choices=WATERS, help=water)
 
 
 def read_moving_arm(options: argparse.Namespace) -> tuple[Config, dict[str, Any]]:
-    """The config of the options of `add_moving_arm`, and its parameters; its model is exact.
+    """Return the config that the options of `add_moving_arm` describe, and its parameters.
 
     Raises:
-        OctoArmError: as `read_config`; also if another model is given.
+        OctoArmError: if the config cannot be read, a value is impossible, or the model is another
+            one than exact.
     """
     if options.model not in (None, 'exact'):
         raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
@@ -282,20 +284,20 @@ def read_moving_arm(options: argparse.Namespace) -> tuple[Config, dict[str, Any]
 
 
 def add_dynamic(parser: Any, kinds: Any = None) -> None:
-    """Add ``--dynamic``, as one of the ``kinds`` of recordings if there are, and ``--step``."""
+    """Add ``--dynamic``, to the group of options ``kinds`` if it is given, and ``--step``."""
     text = (
-        'the arm moves, with its inertia, damping and water, instead of being in equilibrium all '
-        'the time; tensions change linearly from one reading to the next'
+        'solve the motion of the arm, with inertia, damping and water, instead of equilibria; '
+        'tensions change linearly from one reading to the next'
     )
     add_flag(kinds or parser, '--dynamic', text)
-    add_number(parser, '--step', STEP, 'of the integration of --dynamic [s]', 'S')
+    add_number(parser, '--step', STEP, 'step of the integration with --dynamic [s]', 'S')
 
 
 def read_dynamic(options: argparse.Namespace) -> float | None:
-    """The step of the motion [s]; None where the arm is in equilibrium all the time.
+    """Return the step of the motion [s]; None without --dynamic.
 
     Raises:
-        OctoArmError: if it is no step, or there is nothing that it could be of.
+        OctoArmError: if --step is out of range, or given without --dynamic.
     """
     if not options.dynamic:
         refuse_without_effect(options, ('--step',), 'without --dynamic')
@@ -304,21 +306,20 @@ def read_dynamic(options: argparse.Namespace) -> float | None:
 
 
 def read_json(text: str, option: str, example: str) -> Any:
-    """Value of a JSON ``option``.
+    """Return the value of a JSON ``option``; an error message shows the ``example``.
 
     Raises:
-        TensionError: if it is not JSON, of which the message shows the ``example``, or a name is
-            given twice.
+        TensionError: if ``text`` is not JSON, or gives a name twice.
     """
 
-    def named(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        values = dict(pairs)
+        if len(values) < len(pairs):
             raise TensionError(f'{option} is {shown(text)}, expected each name once')
-        return found
+        return values
 
     try:
-        return json.loads(text, object_pairs_hook=named)
+        return json.loads(text, object_pairs_hook=unique)
     except TensionError:
         raise
     except (RecursionError, ValueError) as error:

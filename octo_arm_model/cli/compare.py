@@ -21,9 +21,9 @@ from octo_arm_model.experiment.observations import Observations
 SUMMARY = 'compare the model with midlines in a bag'
 DESCRIPTION = """\
 Compare the model with midlines or tips measured in a recorded experiment, for every steady step
-of the tensions: the error of the tip in per cent of the length of the arm, as in Table 1 of Renda
-et al. 2012, and of the whole midline: mean and largest distance to the model's, and Hausdorff's.
-With --dynamic the arm moves, and each frame is compared with where it is then.
+of the tensions. Printed are the error of the tip in per cent of the length of the arm, as in
+Table 1 of Renda et al. 2012, and the mean, largest and Hausdorff distances between the midlines.
+With --dynamic the model moves, and each frame is compared with its shape at that time.
 """
 EPILOG = (
     """\
@@ -34,11 +34,11 @@ examples:
   octo-arm compare experiment --config renda2012_prototype --json \\
       --align 0.12 0.05 0.6 0.8 -0.36 0.288 0.384
 
-With --out DIR: DIR/compare.csv (a row for each step), midlines.csv (each measured point, the
-model's and the difference), stations.csv (the model), tensions.csv (for `octo-arm play`),
-compare.json, a picture of every step like the paper's Figure 9, one of all steps, and one of the
-errors over the tensions, by loading and unloading; of a motion a picture of a few moments, and one
-of the tip over time.
+--out DIR writes compare.csv (a row for each step), midlines.csv (each measured point, the model's
+and the difference), stations.csv (the model), tensions.csv (for `octo-arm play`), compare.json, a
+picture of every step like the paper's Figure 9, one of all steps, and one of the errors over the
+tensions, for loading and unloading. For a motion it writes a picture of a few moments, and one of
+the tip over time.
 
 """
     + RECORDINGS
@@ -47,26 +47,26 @@ ERRORS = ('tip', 'mean', 'max', 'hausdorff')
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     add_recording(parser)
     arguments.add_path(parser, '--out', 'DIR', 'folder for tables and pictures')
     arguments.add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compare recorded shapes with the models, and print and write the errors."""
+    """Compare recorded shapes with the models; print and write the errors."""
     out = options.out
     refuse_inside(options.bag, out)
     check_out(options, '--out', folder=True, draws=True)
     recording, observations, models, alignment, notes, trajectory = read_options(options)
     config = Config.from_parameters(recording.parameters)
 
-    def compared(model: str) -> ModelComparison:
+    def compare_with(model: str) -> ModelComparison:
         with Bar(f'steps of {model}') as bar:
             shapes, values = observations.shapes, recording.parameters
             return compare(shapes, values, model, alignment, bar.on_terminal, trajectory)
 
-    comparisons = of_each(models, 'compared', notes, compared)
+    comparisons = of_each(models, 'compared', notes, compare_with)
     result = as_dict(comparisons, observations, notes)
     if out is not None:
         from octo_arm_model.experiment.pictures import pictures_of_comparison, save_all
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
-    """One entry for each model and step; errors in per cent of the length, None where unknown."""
+    """Return a row for each model and step; errors in per cent of the length, None if unknown."""
     table = []
     for comparison in comparisons:
         columns = {'bend_error_percent': comparison.bend_percent.tolist()}
@@ -95,7 +95,7 @@ def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
             columns[key] = comparison.percent(name).tolist()
         for step, *values in zip(comparison.steps, *columns.values(), strict=True):
             window = step.shape.window
-            known = (None if math.isnan(value) else value for value in values)
+            errors = (None if math.isnan(value) else value for value in values)
             table.append(
                 {
                     'model': comparison.model,
@@ -108,7 +108,7 @@ def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
                     'frames': step.shape.frames,
                     'outliers': step.shape.outliers,
                     'direction': step.direction,
-                    **dict(zip(columns, known)),
+                    **dict(zip(columns, errors)),
                 }
             )
     return table
@@ -117,17 +117,17 @@ def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
 def as_dict(
     comparisons: Sequence[ModelComparison], observations: Observations, notes: Sequence[str]
 ) -> dict[str, Any]:
-    """Everything in SI units but the errors, which are in per cent of the length."""
+    """Return all results in SI units; errors are in per cent of the length."""
     return {
         'steps': rows(comparisons),
         'models': {
-            one.model: {
-                'average_tip_error_percent': _average(one.percent('tip')),
-                'alignment_camera_to_base': one.alignment.as_dict(),
-                'refused': list(one.refused),
-                'notes': list(one.notes),
+            comparison.model: {
+                'average_tip_error_percent': _average(comparison.percent('tip')),
+                'alignment_camera_to_base': comparison.alignment.as_dict(),
+                'refused': list(comparison.refused),
+                'notes': list(comparison.notes),
             }
-            for one in comparisons
+            for comparison in comparisons
         },
         'length': comparisons[0].length,
         'clock_offset': observations.offset,
@@ -136,7 +136,7 @@ def as_dict(
 
 
 def write_csv(path: Path, table: Sequence[dict[str, Any]], tendons: Sequence[str]) -> None:
-    """Write ``table`` with a column for each of the ``tendons`` [N]."""
+    """Write ``table`` with a column of tensions [N] for each of the ``tendons``."""
     with CsvFiles() as files:
         writer = files.open(path)
         plain = [name for name in table[0] if not name.startswith('tensions')]
@@ -148,7 +148,7 @@ def write_csv(path: Path, table: Sequence[dict[str, Any]], tendons: Sequence[str
 
 
 def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str:
-    """The tables in text."""
+    """Return the ``notes`` and the table of errors of each model as text."""
     lines = [*notes]
     for comparison in comparisons:
         lines += ['', f'model {comparison.model}', *comparison.notes, *comparison.refused]
@@ -176,7 +176,7 @@ def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str
 
 
 def _of_motion(comparison: ModelComparison) -> list[str]:
-    """Errors over all moments of a motion, in text."""
+    """Return the errors over all moments of a motion as lines of text."""
     lines = [f'errors [% of L] at {len(comparison.steps)} moments      average     rms    largest']
     for name in ERRORS:
         percent = comparison.percent(name)
@@ -188,7 +188,7 @@ def _of_motion(comparison: ModelComparison) -> list[str]:
 
 
 def _average(percent: FloatArray) -> float | None:
-    """Mean of the steps where it was measured; None where it never was."""
+    """Return the mean over the steps with a measured value; None if there is no such step."""
     known = percent[np.isfinite(percent)]
     return float(known.mean()) if known.size else None
 

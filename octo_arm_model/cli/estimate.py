@@ -1,4 +1,4 @@
-"""``octo-arm estimate``: where and how hard an arm was touched, from a recording."""
+"""``octo-arm estimate``: shape and contact force of an arm, from a recording."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from octo_arm_model.experiment.sensor_recording import SensorRecording, Sources
 
 
-# Parameters that say how exact sensors are; the others say what is unknown.
+# Prefixes of parameters that describe the noise of sensors; the others describe what is unknown.
 _SENSORS = ('displacement', 'marker', 'tip_', 'base_')
-_APART = ('contact', 'contact_s', 'window')  # in options of their own, or for a node alone
+_APART = ('contact', 'contact_s', 'window')  # set by another option, or used by the node only
 TENSIONS = 'tensions'
-# What options count for: sensors by the beginnings of their names, and contacts.
+# The sensors that options apply to, by the prefixes of their names, and the contacts.
 _OF_SENSOR = {
     'tendons': TENSIONS,
     'tension_stddev': TENSIONS,
@@ -58,19 +58,18 @@ _OF_ARM = {
         'tension_stddev',
         'N',
         'standard deviation of the tensions [N] (default: '
-        'tension_stddev of the arm, or else as the recording varies)',
+        'tension_stddev of the arm, or else that of the recording)',
     ),
     '--modulus-stddev': (
         'material.youngs_modulus_stddev',
         'PART',
-        'standard deviation of E, '
-        'relative to it [-]; 0 where it is known (default: that of the arm)',
+        'standard deviation of E over E [-]; 0 if E is known (default: that of the arm)',
     ),
 }
 
 
 def _add_estimator(parser: argparse.ArgumentParser) -> None:
-    """Add the options, whose defaults are those of the arm's file or of the table."""
+    """Add the options of the estimator; their defaults come from the arm or the table."""
     unknown = parser.add_argument_group('what is unknown')
     unknown.add_argument(
         '--contact',
@@ -99,23 +98,23 @@ def _add_estimator(parser: argparse.ArgumentParser) -> None:
 
 
 def _offered() -> list[Parameter]:
-    """The parameters that are options of their own name."""
-    return [one for one in ESTIMATOR_PARAMETERS if one.name.removeprefix(PREFIX) not in _APART]
+    """Return the parameters that have an option of the same name."""
+    return [row for row in ESTIMATOR_PARAMETERS if row.name.removeprefix(PREFIX) not in _APART]
 
 
 def _refuse_idle(
     options: argparse.Namespace, sensors: Collection[str], unknowns: Mapping[str, Unknowns]
 ) -> None:
-    """Check that each of the options that are given counts; ConfigError if one does not.
+    """Check that each of the given options has an effect; ConfigError if one has none.
 
-    ``sensors`` recorded something: `TENSIONS`, and rows of `MEASUREMENT_TOPICS`.
+    ``sensors`` are those with measurements: `TENSIONS`, and names in `MEASUREMENT_TOPICS`.
     """
     (contact, first), *others = unknowns.items()
     contact = 'somewhere' if others else contact
     for name in sorted(options.given):
         why = ''
-        for beginning, sensor in _OF_SENSOR.items():
-            if name.startswith(beginning) and sensor not in sensors:
+        for prefix, sensor in _OF_SENSOR.items():
+            if name.startswith(prefix) and sensor not in sensors:
                 why = f'without {sensor}; there are {", ".join(sensors)}'
         if contact not in _OF_CONTACT.get(name, CONTACTS):
             why = f'with --contact {contact}'
@@ -126,13 +125,13 @@ def _refuse_idle(
 
 
 def _option(name: str) -> str:
-    """The option of the parameter ``name``."""
+    """Return the option that sets the parameter ``name``."""
     return f'--{name.removeprefix(PREFIX).replace("_", "-")}'
 
 
 def _read_estimator(options: argparse.Namespace) -> dict[str, Any]:
-    """Parameters of estimator and arm that the options give; ConfigError if --contact is none."""
-    names = [name for name, _, _ in _OF_ARM.values()] + [one.name for one in _offered()]
+    """Return the parameters that options set; ConfigError if --contact is not a contact."""
+    names = [name for name, _, _ in _OF_ARM.values()] + [row.name for row in _offered()]
     values = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
     if options.contact is not None:
         contact, *places = options.contact
@@ -150,7 +149,7 @@ def _read_estimator(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def as_dict(result: Result) -> dict[str, Any]:
-    """All but the estimates themselves, in SI units."""
+    """Return the summary of a ``result`` in SI units, without the estimates of each time."""
     return {
         'times': len(result.moments),
         'touches': [
@@ -165,11 +164,11 @@ def as_dict(result: Result) -> dict[str, Any]:
         ],
         'innovations': {
             name: {
-                'accepted': one.accepted,
-                'refused': one.refused,
-                'mean_square': _or_none(one.mean),
+                'accepted': record.accepted,
+                'refused': record.refused,
+                'mean_square': _or_none(record.mean),
             }
-            for name, one in result.consistency.items()
+            for name, record in result.consistency.items()
         },
         'suspects': [
             {'sensors': list(names), 'times': len(times), 'start': times[0], 'stop': times[-1]}
@@ -184,15 +183,15 @@ def as_dict(result: Result) -> dict[str, Any]:
         if result.camera is None
         else {
             'frames': len(result.camera.time),
-            'tip_error': [_or_none(_median(one)) for one in result.camera.tip],
-            'mean_error': [_or_none(_median(one)) for one in result.camera.mean],
+            'tip_error': [_or_none(_median(errors)) for errors in result.camera.tip],
+            'mean_error': [_or_none(_median(errors)) for errors in result.camera.mean],
         },
         'notes': [*result.recorded.notes, *result.recorded.settings.notes],
     }
 
 
 def summary(result: Result, files: Sequence[str]) -> str:
-    """The same in text, and the ``files`` written."""
+    """Return the summary of a ``result`` as text, with the names of the written ``files``."""
     recorded = result.recorded
     lines = [*recorded.notes, *recorded.settings.notes]
     lines.append(f'{len(result.moments)} times estimated from {", ".join(recorded.sensors.all)}')
@@ -200,20 +199,19 @@ def summary(result: Result, files: Sequence[str]) -> str:
     if not result.touches:
         lines.append('not touched: no force is larger than its uncertainty explains')
     if len(result.hypotheses) > 1:
-        parts = [f'{name} {100.0 * part:.0f} %' for name, part in result.hypotheses.items()]
+        parts = [f'{name} {100.0 * mean:.0f} %' for name, mean in result.hypotheses.items()]
         lines.append(f'place of contact, mean probability: {", ".join(parts)}')
-    tip = 1e3 * np.median([one.tip_stddev for one in result.moments], axis=0)
-    known = ', '.join(f'{value:.2f}' for value in tip)
-    lines.append(f'tip known to {known} mm in x, y, z (median standard deviation)')
-    for name, one in result.consistency.items():
-        mean = f', normalised innovation {one.mean:.2f} (1)' if one.size else ''
-        lines.append(f'{name}: {one.accepted} used{mean}')
-        if one.refused_from is not None and one.refused_to is not None:
-            start, stop = (
-                1e-9 * (stamp - recorded.origin_ns) for stamp in (one.refused_from, one.refused_to)
-            )
+    tip = 1e3 * np.median([moment.tip_stddev for moment in result.moments], axis=0)
+    deviations = ', '.join(f'{value:.2f}' for value in tip)
+    lines.append(f'tip known to {deviations} mm in x, y, z (median standard deviation)')
+    for name, record in result.consistency.items():
+        mean = f', normalised innovation {record.mean:.2f} (1)' if record.size else ''
+        lines.append(f'{name}: {record.accepted} used{mean}')
+        if record.refused_from is not None and record.refused_to is not None:
+            stamps = record.refused_from, record.refused_to
+            start, stop = (1e-9 * (stamp - recorded.origin_ns) for stamp in stamps)
             lines.append(
-                f'  {one.refused} refused, which do not fit the rest, from {start:.2f} to '
+                f'  {record.refused} refused, which do not fit the rest, from {start:.2f} to '
                 f'{stop:.2f} s'
             )
     lines += [
@@ -222,7 +220,7 @@ def summary(result: Result, files: Sequence[str]) -> str:
         for names, times in result.suspects.items()
     ]
     lines += [
-        f'begun anew at {time:.2f} s: sensors contradicted the estimate, and agreed'
+        f'reset at {time:.2f} s: sensors agreed with each other and contradicted the estimate'
         for time in result.restarts
     ]
     lines += [
@@ -238,7 +236,7 @@ def summary(result: Result, files: Sequence[str]) -> str:
 
 
 def _touch(touch: Touch) -> str:
-    """One touch in words."""
+    """Describe one touch in a sentence."""
     size = 1e3 * float(np.linalg.norm(touch.force))
     parts = ', '.join(
         f'{1e3 * value:.1f} +- {1e3 * stddev:.1f}'
@@ -251,50 +249,51 @@ def _touch(touch: Touch) -> str:
 
 
 def _camera(result: Result) -> list[str]:
-    """Errors against the camera, of all frames and of those while the arm was touched."""
+    """Describe the errors against the camera, for all frames and for those during a touch."""
     camera = result.camera
     assert camera is not None
     touched = np.zeros(camera.time.size, dtype=bool)
     for touch in result.touches:
         touched |= (camera.time >= touch.start) & (camera.time <= touch.stop)
     lines = []
-    every = np.ones_like(touched)
-    for what, which in (('', every), (' while touched', touched)):
-        if not which.any():
+    everything = np.ones_like(touched)
+    for when, frames in (('', everything), (' while touched', touched)):
+        if not frames.any():
             continue
         for name, pair in (('tip', camera.tip), ('midline', camera.mean)):
-            found, plain = (1e3 * _median(one[which]) for one in pair)
-            if np.isfinite(found):
+            error, plain = (1e3 * _median(errors[frames]) for errors in pair)
+            if np.isfinite(error):
                 lines.append(
-                    f'against {result.recorded.camera_topic}{what}: {name} off by {found:.2f} mm, '
-                    f'without the estimator {plain:.2f} mm (medians of {which.sum()} frames)'
+                    f'against {result.recorded.camera_topic}{when}: {name} off by {error:.2f} mm, '
+                    f'without the estimator {plain:.2f} mm (medians of {frames.sum()} frames)'
                 )
     return lines
 
 
 def _or_none(value: float) -> float | None:
-    """The ``value``; None of NaN, which is no JSON."""
+    """Return the ``value``, or None for NaN, which JSON does not have."""
     return None if math.isnan(value) else value
 
 
 def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float('nan')
+    finite_values = values[np.isfinite(values)]
+    return float(np.median(finite_values)) if finite_values.size else float('nan')
 
 
-SUMMARY = 'estimate shape and contact force from all that a bag holds'
+SUMMARY = 'estimate shape and contact force from the measurements in a bag'
 DESCRIPTION = """\
-Estimate the shape of an arm, the force that touches it and how well both are known, from whatever
-a bag holds of these, each with its noise and at its own rate:
+Estimate the shape of an arm, the contact force on it and the covariance of both, from those of
+these measurements that a bag has, each with its own noise and rate:
 
-  tendon_tensions          what load cells read, in any form that replay reads
+  tendon_tensions          readings of load cells, in any form that replay reads
   tendon_displacements     sensor_msgs/JointState: lengths that winches have reeled in [m]
   measured/tip_pose        geometry_msgs/PoseWithCovarianceStamped
   measured/markers         geometry_msgs/PoseArray: points of the midline, with --marker-s
-  measured/base_wrench     geometry_msgs/WrenchStamped: what a sensor under the base feels
+  measured/base_wrench     geometry_msgs/WrenchStamped: readings of a sensor under the base
 
-Estimated are the inputs of the model: true tensions, a contact, perhaps biases and E. What does
-not fit the rest is refused, and reported. Midlines of a camera are only compared with.
+The inputs of the model are estimated: true tensions, a contact and, if wanted, biases and E.
+Measurements that contradict the others are refused and reported. Midlines of a camera are not
+used for the estimate; the estimate is compared with them.
 """
 EPILOG = """\
 examples:
@@ -308,13 +307,13 @@ examples:
 
 how to read the summary:
   A touch is a time in which the force is larger than its covariance explains by chance (0.1 %).
-  Normalised innovations are squares of what was measured less what was predicted, by their
-  covariance and per number: 1 where noise, priors and model are as told; well over 1 where
-  something is worse than that, under 1 where it is better. Directions that keep their prior are
-  those that nothing measured tells of: a force along a straight arm does not move its tip.
-  Friction of tendons makes their loss of tension along the arm unknown. A slack tendon's
-  displacement counts as that of one just taut: leave the displacements out
-  (--tendon-displacements -) where winches let tendons hang.
+  A normalised innovation is the square of the difference between measurement and prediction,
+  divided by its covariance and per number. It is 1 if noise, priors and model are right, well
+  over 1 if one of them is worse than assumed, and under 1 if it is better. Directions that no
+  measurement depends on keep their prior: a force along a straight arm does not move its tip.
+  With friction, the loss of tension along a tendon is unknown. The displacement of a slack tendon
+  counts as that of a tendon just taut: if winches let tendons hang, leave displacements out with
+  --tendon-displacements -.
 
 exit status: 0 done, 1 the arm has no trustworthy shape at any time, 2 the input is wrong or OUT
 cannot be written, 130 interrupted
@@ -322,14 +321,14 @@ cannot be written, 130 interrupted
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
-    text = 'rosbag2 folder, .mcap, .db3 or .csv file; it stays as it is'
+    """Add the options of this command to a ``parser``."""
+    text = 'rosbag2 folder, .mcap, .db3 or .csv file, which is not changed'
     arguments.add_path(parser, 'bag', 'BAG', text)
     arguments.add_config_option(parser, None, 'the arm_description in the bag')
-    text = 'estimate each time from the whole recording instead of what was measured before'
+    text = 'estimate each time from the whole recording instead of earlier measurements only'
     arguments.add_flag(parser, '--smooth', text)
     topics = parser.add_argument_group(
-        'topics', 'by default those of the names above, in whatever namespace; - for none'
+        'topics', 'by default topics of the names above, in any namespace; - for none'
     )
     text = 'tensions, or any numeric field of any topic'
     arguments.add_value(topics, '--tensions', 'TOPIC[:FIELD]', text)
@@ -338,35 +337,35 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             f'--{name.rsplit("/", 1)[-1].replace("_", "-")}',
             dest=name,
             metavar='TOPIC',
-            help=f'in place of {name} ({row.type_name})',
+            help=f'topic to use instead of {name} ({row.type_name})',
         )
-    text = 'of a camera, to compare with: nav_msgs/Path, PoseArray, or tips (default: '
+    text = 'midlines of a camera to compare with: nav_msgs/Path, PoseArray, or tips (default: '
     arguments.add_value(topics, '--midlines', 'TOPIC', f'{text}camera/midline)')
     arguments.add_tendons(parser)
     add_columns(topics)
     text = (
-        'markers at --marker-s, by their names or numbers in a message of --markers TOPIC:FIELD, '
-        'or as columns NAME_x, NAME_y and NAME_z of a table'
+        'names or numbers of the markers at --marker-s in a message of --markers TOPIC:FIELD, or '
+        'in columns NAME_x, NAME_y and NAME_z of a table'
     )
     arguments.add_values(topics, '--marker-names', 'NAME', text)
     topics.add_argument(
         '--align',
         nargs='+',
         metavar='A',
-        help='pose in base_frame of frames that are not base_frame: X Y Z QX QY QZ QW, or none '
-        'for the same, or fit (default: that of the camera is fitted, and other measurements in '
-        'such a frame are refused)',
+        help='pose in base_frame of any other frame of measurements: X Y Z QX QY QZ QW, none if '
+        'it equals base_frame, or fit (default: the pose of the camera is fitted, and other '
+        'measurements in such a frame are refused)',
     )
-    text = 'to add to the stamps of --midlines [s]; by default found from the motion'
+    text = 'offset added to the stamps of --midlines [s]; by default found from the motion'
     arguments.add_value(topics, '--clock-offset', 'S', text, float)
     _add_estimator(parser)
     output = parser.add_argument_group('output', 'besides the summary')
-    text = 'bag to write, not there yet: what BAG holds, and the topics of octo_arm_estimator'
+    text = 'new bag to write, with the topics of BAG and those of octo_arm_estimator'
     arguments.add_path(output, '--out', 'OUT', text)
     arguments.add_number(
-        output, '--rate', 10.0, 'estimates a second in OUT at most; 0 for all', 'HZ'
+        output, '--rate', 10.0, 'largest number of estimates per second in OUT; 0 for all', 'HZ'
     )
-    arguments.add_flag(output, '--no-copy', 'write to OUT the estimates alone')
+    arguments.add_flag(output, '--no-copy', 'write only the estimates to OUT')
     arguments.add_storage(parser)
     arguments.add_path(output, '--csv', 'DIR', 'folder for estimate.csv and innovations.csv')
     arguments.add_path(
@@ -376,7 +375,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Estimate from the bag, and print and write what was found."""
+    """Estimate from the measurements in the bag, and print and write the results."""
     from octo_arm_model.experiment.bag_recording import as_described
     from octo_arm_model.experiment.bag_recording import opened as open_bag
     from octo_arm_model.experiment.estimates import EstimateTables, estimate
@@ -391,13 +390,13 @@ def run(options: argparse.Namespace) -> int:
             options, ('--rate', '--no-copy', '--storage'), 'without --out'
         )
     sources, out = _sources(options), options.out
-    with contextlib.ExitStack() as opened:
+    with contextlib.ExitStack() as resources:
         columns = read_columns(options.columns)
         table = {**(sources.parameters or {}), **sources.values} if sources.parameters else None
         is_table = options.bag.suffix == '.csv'
         names = sources.marker_names if is_table else ()
         with Bar('messages') as bar:
-            reader = opened.enter_context(
+            reader = resources.enter_context(
                 open_bag(options.bag, table, sources.calibration, columns, names)
             )
             if is_table:
@@ -414,16 +413,16 @@ def run(options: argparse.Namespace) -> int:
             )
         outputs = []
         if out is not None:
-            opened.enter_context(unwritten(out))
-            outputs.append(_bag_output(options, opened, reader, recorded))
+            resources.enter_context(unwritten(out))
+            outputs.append(_bag_output(options, resources, reader, recorded))
         if options.csv is not None:
-            place = opened.enter_context(writing(options.csv, folder=True))
-            tables = opened.enter_context(EstimateTables(place, recorded.models))
+            place = resources.enter_context(writing(options.csv, folder=True))
+            tables = resources.enter_context(EstimateTables(place, recorded.models))
             outputs.append(tables.write)
 
-        def write(moment: Moment, one: EstimatorOutput) -> None:
+        def write(moment: Moment, update: EstimatorOutput) -> None:
             for output in outputs:
-                output(moment, one)
+                output(moment, update)
 
         with Bar('times') as bar:
             result = estimate(recorded, options.smooth, write, bar)
@@ -435,7 +434,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _sources(options: argparse.Namespace) -> Sources:
-    """Where everything is taken from; OctoArmError if an option is wrong."""
+    """Return the topics, parameters and calibration that options give, or raise OctoArmError."""
     from octo_arm_model.experiment.sensor_recording import Sources
 
     if options.clock_offset is not None:
@@ -455,37 +454,37 @@ def _sources(options: argparse.Namespace) -> Sources:
 
 def _bag_output(
     options: argparse.Namespace,
-    opened: contextlib.ExitStack,
+    resources: contextlib.ExitStack,
     reader: BagReader,
     recorded: SensorRecording,
 ) -> Callable[[Moment, EstimatorOutput], None]:
-    """A function that writes estimates to the bag --out, at most --rate of them a second."""
+    """Return a function that writes estimates to the bag --out, at most --rate per second."""
     from octo_arm_model.bags.outputs import copy_bag, estimate_output
     from octo_arm_model.bags.writer import BagWriter
 
     custom = {**reader.metadata, 'octo_arm_estimate': f'estimates for {options.bag.name}'}
-    writer = opened.enter_context(BagWriter(options.out, options.storage, custom))
+    writer = resources.enter_context(BagWriter(options.out, options.storage, custom))
     prefix = recorded.sensors.prefix
     if not options.no_copy:
-        left_out = copy_bag(reader, writer, prefix)
-        recorded.notes.extend(f'{topic} not copied: {why}' for topic, why in left_out.items())
+        not_copied = copy_bag(reader, writer, prefix)
+        recorded.notes.extend(f'{topic} not copied: {why}' for topic, why in not_copied.items())
     described = recorded.parameters, recorded.models, reader.start_ns
     write_estimate = estimate_output(writer, prefix, *described)
     period = 1.0 / options.rate if options.rate else 0.0
     due = -math.inf
 
-    def write(moment: Moment, one: EstimatorOutput) -> None:
+    def write(moment: Moment, update: EstimatorOutput) -> None:
         nonlocal due
         if moment.time < due - 1e-9:
             return
         due = max(due + period, moment.time) if math.isfinite(due) else moment.time + period
-        write_estimate(one.hypothesis, one.estimate, moment.stamp_ns, moment.received_ns)
+        write_estimate(update.hypothesis, update.estimate, moment.stamp_ns, moment.received_ns)
 
     return write
 
 
 def _draw(path: Path, result: Result) -> None:
-    """Write the picture of a ``result``."""
+    """Write the picture of a ``result`` to ``path``."""
     from octo_arm_model.experiment.pictures import draw_estimate, save
 
     figure = draw_estimate(result.moments, result.touches, result.camera)

@@ -1,4 +1,4 @@
-"""Files and folders that commands write, checked before the work, and progress of the work."""
+"""Output files and folders of commands, which are checked before the work, and progress bars."""
 
 import argparse
 import contextlib
@@ -24,47 +24,48 @@ class Bar(StatusLine):
     def __init__(self, things: str, stream: TextIO | None = None) -> None:
         """Count ``things`` on ``stream``, by default standard error."""
         super().__init__(stream or sys.stderr)
-        self._things, self._began = things, time.monotonic()
+        self._things, self._start = things, time.monotonic()
 
     def __enter__(self) -> 'Bar':
-        # How many there are may take a while to find out, as of a long table.
+        # It may take a while to count the things, for example the rows of a long table.
         if self.is_terminal:
             self.show(lambda: f'{self._things}: starting', always=True)
         return self
 
     def __call__(self, done: int, total: int) -> None:
-        """Show that ``done`` of ``total`` are done."""
+        """Show that ``done`` of ``total`` things are done."""
         self.show(lambda: self._state(done, total), always=done == total)
 
     def on_terminal(self, done: int, total: int) -> None:
-        """The same, on a terminal alone."""
+        """Show that ``done`` of ``total`` things are done, but only on a terminal."""
         if self.is_terminal:
             self(done, total)
 
     def _state(self, done: int, total: int) -> str:
-        elapsed = max(time.monotonic() - self._began, 1e-9)
+        elapsed = max(time.monotonic() - self._start, 1e-9)
         rate = done / elapsed
         if done == total:
             return f'{total} {self._things} in {elapsed:.1f} s, {rate:.4g} a second'
         full = _WIDTH * done // total
-        left = f'{(total - done) / rate:.0f} s left' if done else 'starting'
-        return f'[{"#" * full}{"." * (_WIDTH - full)}] {done}/{total}, {rate:.4g}/s, {left}'
+        remaining = f'{(total - done) / rate:.0f} s left' if done else 'starting'
+        return f'[{"#" * full}{"." * (_WIDTH - full)}] {done}/{total}, {rate:.4g}/s, {remaining}'
 
 
-_HIDDEN = '.octo_arm.'  # and eight letters: folders of what is being written
+_HIDDEN = '.octo_arm.'  # prefix of the temporary folders of unfinished output
 
 
 def check_out(
     options: argparse.Namespace, name: str, *, folder: bool, draws: bool = False
 ) -> None:
-    """Make the folder for the option ``name``, a ``folder`` or a file; nothing if it is None.
+    """Make the folder for the output option ``name``, if it is given.
 
-    It is added to ``options.made``, see `folders_made`.
+    ``folder`` says whether the option names a folder or a file. New folders are added to
+    ``options.made``, as `folders_made` needs them.
 
     Raises:
-        ConfigError: if it is the other of the two, or cannot be made or written.
-        ModuleNotFoundError: if a command that ``draws`` pictures there lacks matplotlib, which is
-            said before the work.
+        ConfigError: if the option names a file instead of a folder or the other way round, or the
+            output cannot be made or written.
+        ModuleNotFoundError: if a command that ``draws`` pictures there lacks matplotlib.
     """
     path: Path | None = getattr(options, name.removeprefix('--'))
     if path is None:
@@ -72,10 +73,10 @@ def check_out(
     if draws:
         import matplotlib  # noqa: F401
     if path.exists() and path.is_dir() != folder:
-        is_what, expected = ('a folder', 'a file') if path.is_dir() else ('a file', 'a folder')
-        raise ConfigError(f'{name} is {str(path)!r}, {is_what}, expected {expected}')
+        kind, expected = ('a folder', 'a file') if path.is_dir() else ('a file', 'a folder')
+        raise ConfigError(f'{name} is {str(path)!r}, {kind}, expected {expected}')
     place = path if folder else path.parent
-    options.made += itertools.takewhile(lambda one: not one.exists(), (place, *place.parents))
+    options.made += itertools.takewhile(lambda path: not path.exists(), (place, *place.parents))
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -83,7 +84,7 @@ def check_out(
     problem = None
     if path.exists() and not os.access(path, os.W_OK):
         problem = os.strerror(errno.EACCES)
-    elif not path.exists() or path.is_file() or folder:  # a pipe is not opened: it would end
+    elif not path.exists() or path.is_file() or folder:  # opening a pipe would end its reader
         try:
             tempfile.TemporaryFile(dir=path if folder else path.resolve().parent).close()
         except OSError as error:
@@ -94,9 +95,9 @@ def check_out(
 
 @contextlib.contextmanager
 def folders_made() -> Iterator[list[Path]]:
-    """Folders made within the block, each before those that hold it.
+    """Yield a list for the folders made within the block, each in front of its parents.
 
-    After an error those that are empty are removed.
+    After an error the empty ones among them are removed.
     """
     made: list[Path] = []
     try:
@@ -109,10 +110,10 @@ def folders_made() -> Iterator[list[Path]]:
 
 
 def refuse_inside(bag: Path | None, *outputs: Path | None) -> None:
-    """Refuse to write ``outputs`` into a ``bag`` that is read, if one is.
+    """Check that none of the ``outputs`` is in the input ``bag``, if there is one.
 
     Raises:
-        BagError: if one is inside, or the folder of the bag.
+        BagError: if an output is inside the folder of the bag, or is the bag.
     """
     for out in outputs:
         if bag and out and bag.resolve() in (out.resolve(), *out.resolve().parents):
@@ -121,13 +122,13 @@ def refuse_inside(bag: Path | None, *outputs: Path | None) -> None:
 
 @contextlib.contextmanager
 def writing(path: Path, *, folder: bool = False) -> Iterator[Path]:
-    """Where to write ``path`` in the block, a ``folder`` or a file: all of it or nothing is there.
+    """Yield a temporary path to write to in place of ``path``, a ``folder`` or a file.
 
-    That is in a hidden folder, on the same disk, whose files take their places at the end of the
-    block; after an error ``path`` is as it was. A device or a pipe is written to as it is.
+    It is in a hidden folder on the same disk, whose files are moved to their places at the end of
+    the block; after an error ``path`` is unchanged. A device or a pipe is written to directly.
 
     Raises:
-        ConfigError: for an error of these files, or of none that is named, as of a full disk.
+        ConfigError: for an error of these files, or one without a file name, as of a full disk.
     """
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
@@ -137,8 +138,8 @@ def writing(path: Path, *, folder: bool = False) -> Iterator[Path]:
         with unwritten(path), tempfile.TemporaryDirectory(prefix=_HIDDEN, dir=place) as name:
             hidden = Path(name)
             yield hidden if folder else hidden / path.resolve().name
-            for one in hidden.iterdir():
-                one.replace(place / one.name)
+            for file in hidden.iterdir():
+                file.replace(place / file.name)
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -149,7 +150,7 @@ def writing(path: Path, *, folder: bool = False) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def unwritten(out: Path) -> Iterator[None]:
-    """Add to a KeyboardInterrupt that ``out`` is not written."""
+    """Add the message that ``out`` is not written to a KeyboardInterrupt within the block."""
     try:
         yield
     except KeyboardInterrupt:

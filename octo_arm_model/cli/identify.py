@@ -33,14 +33,14 @@ def as_dict(
     observations: Observations,
     notes: Sequence[str],
 ) -> dict[str, Any]:
-    """Everything of the ``best`` model in SI units, and what the others come to."""
+    """Return all results of the ``best`` model in SI units, and the main ones of the others."""
     names = list(best.estimates)
     correlations: Mapping[str, Any] | None = None
     if best.correlations is not None:
-        names = [name for name, one in best.estimates.items() if one.value is not None]
+        names = [name for name, value in best.estimates.items() if value.value is not None]
         table = best.correlations.tolist()
         correlations = {name: dict(zip(names, row)) for name, row in zip(names, table)}
-    left_out = [{'steps': list(steps), **(_misfit(one) or {})} for steps, one in best.step_misfits]
+    left_out = [{'steps': list(steps), **(_misfit(m) or {})} for steps, m in best.step_misfits]
     cross_validation: dict[str, Any] | None = None
     if best.cross_validation is not None:
         cross_validation = {**(_misfit(best.cross_validation) or {}), 'left_out': left_out}
@@ -52,10 +52,10 @@ def as_dict(
         'model_error_stddev': best.tip_stddev,
         'estimates': {
             name: {
-                **dataclasses.asdict(one),
+                **dataclasses.asdict(value),
                 'interval95_near_models': identification.envelope_of(fitted, name),
             }
-            for name, one in best.estimates.items()
+            for name, value in best.estimates.items()
         },
         'correlations': correlations,
         'undetermined': list(best.undetermined),
@@ -63,14 +63,14 @@ def as_dict(
         'cross_validation': cross_validation,
         'models': [
             {
-                'model': one.model,
-                'trustworthy': one.is_trustworthy,
-                'values': {name: own.value for name, own in one.estimates.items()},
-                'intervals95': {name: own.interval95 for name, own in one.estimates.items()},
-                'residuals': _misfit(one.after),
-                'cross_validation': _misfit(one.cross_validation),
+                'model': fit.model,
+                'trustworthy': fit.is_trustworthy,
+                'values': {name: value.value for name, value in fit.estimates.items()},
+                'intervals95': {name: value.interval95 for name, value in fit.estimates.items()},
+                'residuals': _misfit(fit.after),
+                'cross_validation': _misfit(fit.cross_validation),
             }
-            for one in fitted
+            for fit in fitted
         ],
         'alignment_camera_to_base': best.alignment.as_dict(),
         'steps': len(observations.shapes),
@@ -80,14 +80,14 @@ def as_dict(
 
 
 def summary(best: Identification, fitted: Sequence[Identification], notes: Sequence[str]) -> str:
-    """The same in text."""
+    """Return the results as text: estimates and misfits of the best model, and all models."""
     lines = [*notes, '', f'model {best.model}']
     width = max(len(name) for name in best.estimates)
     for name, estimate in best.estimates.items():
         lines.append(f'  {name:{width}}  {identification.in_words(estimate)}')
     if best.undetermined:
-        what = 'NOT FITTED' if best.is_trustworthy else 'NOTHING FITTED'
-        lines += ['', f'{what}, as these data leave open:']
+        heading = 'NOT FITTED' if best.is_trustworthy else 'NOTHING FITTED'
+        lines += ['', f'{heading}, as these data leave open:']
         lines += [f'  {text}' for text in best.undetermined]
     if best.notes:
         lines += ['', *best.notes]
@@ -105,13 +105,13 @@ def summary(best: Identification, fitted: Sequence[Identification], notes: Seque
         )
     if len(fitted) > 1:
         lines += ['', 'models, by loads left out            rms [mm]   tip [% of L]']
-        for one in sorted(fitted, key=identification.rank):
+        for fit in sorted(fitted, key=identification.rank):
             values = ', '.join(
                 f'{name} {estimate.value:.5g} {estimate.unit}'
-                for name, estimate in one.estimates.items()
+                for name, estimate in fit.estimates.items()
                 if estimate.value is not None and is_of_arm(name)
             )
-            lines.append(f'  {one.model:<33}{_cells(one.cross_validation)}   {values}')
+            lines.append(f'  {fit.model:<33}{_cells(fit.cross_validation)}   {values}')
     return '\n'.join(lines)
 
 
@@ -124,18 +124,18 @@ def _cells(misfit: Misfit | None) -> str:
 SUMMARY = 'fit the arm to midlines in a bag'
 DESCRIPTION = f"""\
 Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, with
-confidence intervals and correlations. What can be fitted, by default youngs_modulus:
+confidence intervals and correlations. These can be fitted, by default youngs_modulus:
 
   {'  '.join(FITS)}
 
-poisson_ratio, sheath_stiffness and tendon_offsets need the model exact; rest_curvature, _torsion,
-bending_stiffness (E J of a uniform arm) and friction another than renda2012, friction also steps
-loaded and unloaded; axial_stiffness (of tendons), displacement_scale (one factor for the spools
-of all motors) and displacement_offset (their zeros) encoder readings under tension.
-damping (of motion.viscosity, or else motion.damping_time), drag and added_mass need a recording
-that swings, whose frames the moving arm is fitted to (--dynamic), with what else shows there.
-The alignment is fitted as well where --align is 'fit', or not given while the midlines are not in
-base_frame. What the data cannot tell is left as it is, one parameter at a time, and said.
+poisson_ratio, sheath_stiffness and tendon_offsets need the model exact. rest_curvature, _torsion,
+bending_stiffness (E J of a uniform arm) and friction need another model than renda2012; friction
+also needs steps of loading and unloading. axial_stiffness (of tendons), displacement_scale (one
+factor for the spools of all motors) and displacement_offset (their zeros) need encoder readings
+under tension. damping (motion.viscosity, or else motion.damping_time), drag and added_mass need a
+recording of a swinging arm; the motion of the model is fitted to its frames (--dynamic).
+The alignment is fitted as well with --align fit, or without --align if the midlines are not in
+base_frame. A parameter that the data do not determine is reported and keeps its value.
 """
 EPILOG = (
     """\
@@ -149,14 +149,14 @@ examples:
   octo-arm identify swings --fit damping drag added_mass --align none
   octo-arm identify trial --displacements /servos:angle --spools 0.01 --fit displacement_scale
 
-Intervals come from leaving out one load at a time, with all its repeats, with Student's t, whose
-degrees of freedom are one less than the loads that matter. They hold what differs from one load
-to another (noise, errors of single tensions) and a bias as large as the model error floor: what
-held-back loads show beyond the noise. They do not hold what looks like another
-modulus (a wrong length, friction while tensions only rise). Of the models that one is taken which
-best explains loads it was not fitted to; where others do nearly as well and say otherwise, that is
-said, with the interval of all of them together. The loss, too, is that of the lesser misfit at
-held-back loads, or --loss.
+Intervals come from leaving out one load at a time, with all its repeats, and Student's t, with one
+degree of freedom less than there are loads that matter. They include what differs from one load to
+another (noise, errors of single tensions) and a bias as large as the model error floor, the misfit
+at left-out loads beyond the noise. They do not include what looks like another modulus (a wrong
+length, friction while tensions only rise). The chosen model is the one that best explains loads
+that it was not fitted to. If others do nearly as well with other values, that is reported, with
+the interval of all of them together. Without --loss, the loss with the smaller misfit at left-out
+loads is chosen.
 
 """
     + RECORDINGS
@@ -164,7 +164,7 @@ held-back loads, or --loss.
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     add_recording(parser, 'all')
     parser.add_argument(
         '--fit',
@@ -172,14 +172,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         choices=FITS,
         default=['youngs_modulus'],
         metavar='NAME',
-        help='what to fit (default: youngs_modulus)',
+        help='parameters to fit (default: youngs_modulus)',
     )
     parser.add_argument(
         '--loss',
         choices=(AUTO, *LOSSES),
         default=AUTO,
-        help='what is minimised: soft_l1 bounds the influence of outliers, linear is least '
-        'squares (default: the better at held-back loads)',
+        help='loss to minimise: soft_l1 bounds the influence of outliers, linear is least '
+        'squares (default: the better one at left-out loads)',
     )
     arguments.add_path(parser, '--out', 'CONFIG', 'ROS parameter file of the fitted arm to write')
     arguments.add_path(
@@ -191,13 +191,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Fit the models, and print and write the best; 1 where the data determine nothing."""
+    """Fit the models; print and write the best one. Return 1 if the data determine nothing."""
     refuse_inside(options.bag, options.out, options.pictures, options.csv)
-    # Folders first: what is to be both is refused then.
+    # Folders come first, so that a path given as both a folder and a file is refused.
     check_out(options, '--pictures', folder=True, draws=True)
     check_out(options, '--csv', folder=True)
     check_out(options, '--out', folder=False)
-    # These show in a motion alone.
+    # Only a motion depends on these parameters.
     options.dynamic |= not {*OF_MOTION}.isdisjoint(options.fit)
     default = [] if options.dynamic else [ALL]
     recording, observations, models, alignment, notes, trajectory = read_options(options, default)

@@ -1,4 +1,4 @@
-"""``octo-arm inverse``: tensions for a wanted shape."""
+"""``octo-arm inverse``: tensions for a target of the tip."""
 
 import argparse
 import json
@@ -15,17 +15,17 @@ from octo_arm_model.cli import arguments
 from octo_arm_model.cli.solve import as_dict, millimetres
 from octo_arm_model.rod.backbone import Backbone
 
-SUMMARY = 'find tensions for a wanted shape'
+SUMMARY = 'find tensions for a target of the tip'
 DESCRIPTION = """\
-Find the tensions, none negative and none above --highest, that bring the tip of the arm to the
-wanted place, with the least effort (sum of squares of tension over bound). A target out of reach
-is approached as near as a local search finds, and the exit status is then 1.
+Find the tensions between 0 and --highest that bring the tip of the arm to a target with the least
+effort (sum of squares of tension over bound). If the target is out of reach, the nearest tip that
+a local search finds is printed, and the exit status is 1.
 """
 EPILOG = ''
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     arguments.add_config(parser)
     arguments.add_vector(parser, '--tip', 'X Y Z', 'tip in base_frame [m]')
     orientation = 'orientation of the tip as well, its x axis along the arm'
@@ -38,16 +38,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     stiffness = 'stiffness K [N/m] of the tip against a force along X Y Z, by co-contraction'
     arguments.add_vector(parser, '--stiffness', 'X Y Z K', stiffness)
     default = (
-        'for each tendon, what compresses the cross section it is fastened at by 30 percent, or '
-        'bends the arm by two turns, or as large a part of what folds it between discs'
+        'for each tendon the least tension that compresses the cross section at its anchorage by '
+        '30 percent, bends the arm by two turns, or is 30 percent of that which folds it'
     )
     arguments.add_highest(parser, default)
     arguments.add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Find the tensions and print them; 1 where the target is out of reach."""
-    # The most accurate model, unless another is asked for.
+    """Find the tensions and print them; return 1 if the target is out of reach."""
+    # The most accurate model is the default.
     options.model = options.model or 'exact'
     config = arguments.read_config(options)
     solver = config.solver()
@@ -58,23 +58,23 @@ def run(options: argparse.Namespace) -> int:
     if highest is None:
         highest = default_highest(config.arm)
     target = _target(options)
-    found = find_tensions(solver, target, highest, stiffness=stiffness)
-    errors = _errors(target, found.backbone)
+    inverse = find_tensions(solver, target, highest, stiffness=stiffness)
+    errors = _errors(target, inverse.backbone)
     if options.json:
         content = {
-            'reached': found.reached,
-            'error': found.error,
+            'reached': inverse.reached,
+            'error': inverse.error,
             'distance_error': errors[0],
             'angle_error': errors[1],
-            'stiffness': found.stiffness,
-            'tensions': found.backbone.tensions.tolist(),
-            'solves': found.iterations,
-            **as_dict(found.backbone, solver),
+            'stiffness': inverse.stiffness,
+            'tensions': inverse.backbone.tensions.tolist(),
+            'solves': inverse.iterations,
+            **as_dict(inverse.backbone, solver),
         }
         print(json.dumps(content))
     else:
-        print(_summary(found, config.arm, *errors))
-    return 0 if found.reached else 1
+        print(_summary(inverse, config.arm, *errors))
+    return 0 if inverse.reached else 1
 
 
 def _target(options: argparse.Namespace) -> Target:
@@ -93,7 +93,7 @@ def _target(options: argparse.Namespace) -> Target:
 
 
 def _errors(target: Target, backbone: Backbone) -> tuple[float | None, float | None]:
-    """Distance [m] and angle [rad] from the target, None of what it does not ask for."""
+    """Return distance [m] and angle [rad] from the target; None if it does not specify one."""
     error = target.error(backbone)
     if isinstance(target, TipPosition):
         return float(np.linalg.norm(error)), None
@@ -103,20 +103,20 @@ def _errors(target: Target, backbone: Backbone) -> tuple[float | None, float | N
     return float(np.linalg.norm(error[:count])) if count else None, angle
 
 
-def _summary(found: Inverse, arm: Arm, distance: float | None, angle: float | None) -> str:
-    word = 'reached' if found.reached else 'NOT REACHED, this is as near as it was found to go'
+def _summary(inverse: Inverse, arm: Arm, distance: float | None, angle: float | None) -> str:
+    word = 'reached' if inverse.reached else 'NOT REACHED, this is as near as it was found to go'
     errors = [] if distance is None else [f'{distance * 1e3:.4g} mm']
     errors += [] if angle is None else [f'{math.degrees(angle):.4g} deg']
     lines = [
         word,
-        f'model     {found.backbone.model}',
-        f'error     {" and ".join(errors)}, after {found.iterations} solves',
-        f'tip       {millimetres(found.backbone.tip)} mm',
+        f'model     {inverse.backbone.model}',
+        f'error     {" and ".join(errors)}, after {inverse.iterations} solves',
+        f'tip       {millimetres(inverse.backbone.tip)} mm',
     ]
-    if found.stiffness is not None:
-        lines.append(f'stiffness {found.stiffness:.5g} N/m')
+    if inverse.stiffness is not None:
+        lines.append(f'stiffness {inverse.stiffness:.5g} N/m')
     width = max(len(name) for name in arm.tendon_names)
     lines += ['', 'tensions [N]']
-    for name, tension in zip(arm.tendon_names, found.backbone.tensions.ravel(), strict=True):
+    for name, tension in zip(arm.tendon_names, inverse.backbone.tensions.ravel(), strict=True):
         lines.append(f'  {name:{width}} {tension:10.4f}')
     return '\n'.join(lines)

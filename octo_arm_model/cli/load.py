@@ -1,4 +1,4 @@
-"""``octo-arm load``: the arm of a running node exchanged for that of a file."""
+"""``octo-arm load``: replace the arm of a running node by that of a file."""
 
 import argparse
 
@@ -11,16 +11,15 @@ from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.estimation.settings import ESTIMATOR_PARAMETERS
 from octo_arm_model.simulation.simulator import PARAMETERS as SIMULATOR_PARAMETERS
 
-SUMMARY = 'exchange the arm of a running node'
+SUMMARY = 'replace the arm of a running node'
 DESCRIPTION = """\
-Exchange the arm of a running node for that of CONFIG, between two messages: all parameters are set
-together, or none of them where they do not describe an arm, and then the node's reason is told.
-Parameters of the arm that CONFIG does not name return to their defaults, base_frame, base.position
-and frame_prefix among them; those of simulator and estimator stay as they are unless CONFIG names
-them.
+Replace the arm of a running node by that of CONFIG, between two messages. All parameters are set
+together; if they do not describe an arm, none is set and the node's reason is printed. Parameters
+of the arm that CONFIG does not name return to their defaults, also base_frame, base.position and
+frame_prefix. Parameters of simulator and estimator do not change unless CONFIG names them.
 
 `ros2 param load` sets the parameters of a file one by one instead. Each of them has to describe an
-arm together with all others as they are at that moment, so that some are taken and some refused.
+arm together with the present values of all others, so that some are set and some are refused.
 """
 EPILOG = """\
 examples:
@@ -35,7 +34,7 @@ _OTHERS = (*SIMULATOR_PARAMETERS, *ESTIMATOR_PARAMETERS)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     arguments.add_config_argument(parser)
     parser.add_argument(
         '--node',
@@ -56,7 +55,7 @@ def run(options: argparse.Namespace) -> None:
     with naming(path):
         known = [*names, *(parameter.name for parameter in _OTHERS)]
         refuse_unknown(values, known, 'arm, simulator or estimator')
-        # A missing parameter is refused here: the node would take its default.
+        # A missing parameter is refused here, because the node would use its default.
         Config.from_parameters({name: v for name, v in values.items() if name in names})
     from octo_arm_model.ros.client.commands import swap_arm
 

@@ -24,8 +24,8 @@ from octo_arm_model.cli import (
 from octo_arm_model.cli.files import folders_made
 from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe_closed, show_logs
 
-# Modules named as their commands: SUMMARY in the list of commands, DESCRIPTION and EPILOG of their
-# help, add_options(parser), and run(options), which returns the exit status or None for 0.
+# Each module has the name of its command, SUMMARY for the list of commands, DESCRIPTION and EPILOG
+# for its help, add_options(parser), and run(options), which returns the exit status or None for 0.
 _COMMANDS: tuple[ModuleType, ...] = (
     solve,
     compare,
@@ -41,9 +41,9 @@ _COMMANDS: tuple[ModuleType, ...] = (
     reproduce,
     workspace,
 )
-_OF_RECORDINGS = ('compare', 'estimate', 'identify')  # which read bags and draw pictures
+_OF_RECORDINGS = ('compare', 'estimate', 'identify')  # commands that read bags and draw pictures
 _PROG = 'octo-arm'
-_TWICE = 1.0  # [s] in which another signal is the same one
+_SAME_SIGNAL = 1.0  # [s] within which signals count as one
 _EPILOG = """\
 examples:
   octo-arm solve renda2012_table4 --tensions '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'
@@ -69,34 +69,34 @@ exit status: 0 done, 1 the model has no trustworthy answer, 2 the input is wrong
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Parser of all commands."""
+    """Return the parser of all commands."""
     parser = make_parser(
         _PROG, 'Shape of a tendon-driven soft arm from the tensions of its tendons.', _EPILOG
     )
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for command in _COMMANDS:
-        own = commands.add_parser(
+        command_parser = commands.add_parser(
             command.__name__.rpartition('.')[2].replace('_', '-'),
             help=command.SUMMARY,
             description=command.DESCRIPTION,
             epilog=command.EPILOG,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        own.set_defaults(run=command.run, default_of=own.get_default)
-        command.add_options(own)
+        command_parser.set_defaults(run=command.run, default_of=command_parser.get_default)
+        command.add_options(command_parser)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
+    """Run the command line and return the exit status."""
     received: list[int] = []
 
     def interrupt(number: int) -> None:
         received.append(number)
         raise KeyboardInterrupt
 
-    # Whatever ends the program interrupts it, so that it tidies up.
-    with on_signals(interrupt, _TWICE):
+    # Every signal that ends the program interrupts it, so that it removes unfinished output.
+    with on_signals(interrupt, _SAME_SIGNAL):
         status = _run(arguments)
     return 128 + received[0] if received else status
 
@@ -108,7 +108,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         with folders_made() as options.made:
             return options.run(options) or 0
     except KeyboardInterrupt as interrupt:
-        # The status by which shells report SIGINT; the command may say what is not written.
+        # Shells report SIGINT by this status; the command may say what is not written.
         print(
             'octo-arm: ' + ', '.join(['interrupted', *map(str, interrupt.args)]), file=sys.stderr
         )

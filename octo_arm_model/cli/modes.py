@@ -15,9 +15,9 @@ from octo_arm_model.rod.motion_state import Inputs
 
 SUMMARY = 'natural frequencies of the arm'
 DESCRIPTION = """\
-Find the natural modes of the arm about its equilibrium under tensions: small swings at a
-frequency of their own, with the added mass of the water, and how the viscosity of the material
-damps them. Tendons with friction stick.
+Find the natural modes of the arm about its equilibrium under tensions: frequencies of small
+oscillations, with the added mass of the water, and their damping by the viscosity of the material.
+Tendons with friction stick.
 """
 EPILOG = """\
 examples:
@@ -30,17 +30,17 @@ exit status: 0 done, 1 no stable equilibrium, 2 the input is wrong
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     arguments.add_moving_arm(parser)
-    text = 'JSON, a row for each section from the tip [N] (default: none is pulled)'
+    text = 'JSON, a row for each section from the tip [N] (default: zero)'
     arguments.add_value(parser, '--tensions', 'ROWS', text)
-    arguments.add_number(parser, '--count', 6, 'how many, the slowest first', 'N')
-    arguments.add_path(parser, '--plot', 'PNG', 'picture of their shapes; needs matplotlib')
+    arguments.add_number(parser, '--count', 6, 'number of modes, the slowest first', 'N')
+    arguments.add_path(parser, '--plot', 'PNG', 'picture of the shapes; needs matplotlib')
     arguments.add_json(parser, ', in SI units: frequencies, damping ratios and shapes')
 
 
 def run(options: argparse.Namespace) -> None:
-    """Find, print and draw them."""
+    """Find the modes, and print and draw them."""
     config, _ = arguments.read_moving_arm(options)
     check_out(options, '--plot', folder=False, draws=True)
     tensions = np.zeros(config.arm.tension_shape)
@@ -62,20 +62,20 @@ def run(options: argparse.Namespace) -> None:
         print(options.plot)
 
 
-def draw_modes(path: Path, found: Modes, backbone: Backbone) -> None:
-    """Draw shapes of modes about that of ``backbone`` into a PNG file."""
+def draw_modes(path: Path, result: Modes, backbone: Backbone) -> None:
+    """Draw the shapes of the modes about the equilibrium ``backbone`` into a PNG file."""
     from matplotlib.figure import Figure
 
-    count = len(found.frequencies)
+    count = len(result.frequencies)
     figure = Figure(figsize=(3.0 * min(count, 4), 3.2 * -(-count // 4)), layout='constrained')
     size = 0.2 * backbone.s[-1]
-    for number, shape in enumerate(found.shapes, start=1):
+    for number, shape in enumerate(result.shapes, start=1):
         axes = figure.add_subplot(-(-count // 4), min(count, 4), number, projection='3d')
-        for part in (-1.0, 0.0, 1.0):
-            line = backbone.position + part * size * shape
-            axes.plot(*line.T, color='0.6' if part else 'C0')
-        axes.set_title(f'{found.frequencies[number - 1]:.4g} Hz')
-        # As much of each axis, around the middle of the arm.
+        for amplitude in (-1.0, 0.0, 1.0):
+            line = backbone.position + amplitude * size * shape
+            axes.plot(*line.T, color='0.6' if amplitude else 'C0')
+        axes.set_title(f'{result.frequencies[number - 1]:.4g} Hz')
+        # All axes have the same range, around the middle of the arm.
         for axis, ends in zip('xyz', equal_axes(backbone.position, 0.6)):
             axes.set(**{f'{axis}lim': ends})
         axes.locator_params(nbins=4)

@@ -1,4 +1,4 @@
-"""``octo-arm play``: command profiles, played over ROS or written to files."""
+"""``octo-arm play``: play a command profile over ROS, or write it to files."""
 
 import argparse
 import math
@@ -19,16 +19,16 @@ from octo_arm_model.terminal import StatusLine, missing
 
 SUMMARY = 'pull tendons along a profile of commands'
 DESCRIPTION = """\
-Pull the tendons of an arm along a profile: publish its tensions on tendon_commands, where the
-simulator octo_arm_sim or real winches listen. PROFILE is a movement of --list, or a file. A CSV
-file has the columns time [s] and one of tensions [N] for each tendon, by name; a YAML file has
-times:, tensions: (a row for each time, tendons from the tip) and, if wanted, interpolation:
-smooth, linear or steps. What goes beyond a tendon's limit (tendon_limits of the arm) is not
-played. At the end, and at Ctrl-C, the tendons are let go smoothly.
+Publish the tensions of a profile on tendon_commands, for the simulator octo_arm_sim or real
+winches. PROFILE is a movement of --list, or a file. A CSV file has a column time [s] and a column
+of tensions [N] for each tendon, by name. A YAML file has times:, tensions: (a row for each time,
+tendons from the tip) and, if wanted, interpolation: smooth, linear or steps. A profile above a
+tendon's limit (tendon_limits of the arm) is refused. At the end, and at Ctrl-C, the tensions are
+ramped to zero.
 """
 EPILOG = """\
 examples:
-  octo-arm play --list                                      # what this arm can do
+  octo-arm play --list                                      # movements of this arm
   octo-arm play fetching_in_space --speed 2 --loop          # until Ctrl-C
   octo-arm play bending --config renda2012_table2
   octo-arm play my_movement.csv --topic tendon_tensions     # straight to octo_arm_node
@@ -40,7 +40,7 @@ _OF_ONE = '--highest', '--speed', '--rate', '--csv', '--plot'
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     parser.add_argument(
         'profile', metavar='PROFILE', nargs='?', help='movement of --list, or a CSV or YAML file'
     )
@@ -48,18 +48,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     arguments.add_config_option(parser, 'renda2012_table4')
     of = ' of rotating, ramps, steps and sweeps'
     arguments.add_highest(parser, 'what the arm bears', of)
-    arguments.add_number(parser, '--speed', 1.0, 'factor of the speed it is written for')
-    arguments.add_flag(parser, '--loop', 'repeat it until Ctrl-C')
-    arguments.add_number(parser, '--rate', 50.0, 'commands, or rows of --csv, a second', 'HZ')
-    parser.add_argument('--topic', default=TOPIC, help='where to publish (default: %(default)s)')
+    arguments.add_number(parser, '--speed', 1.0, 'factor on the speed of the profile')
+    arguments.add_flag(parser, '--loop', 'repeat the profile until Ctrl-C')
+    arguments.add_number(parser, '--rate', 50.0, 'commands, or rows of --csv, per second', 'HZ')
+    parser.add_argument('--topic', default=TOPIC, help='topic to publish (default: %(default)s)')
     arguments.add_flag(parser, '--hold', 'keep the last tensions at the end')
-    arguments.add_number(parser, '--wait', 5.0, 'how long to wait for a subscriber [s]', 'S')
-    arguments.add_path(parser, '--csv', 'CSV', 'write it there instead')
-    arguments.add_path(parser, '--plot', 'PNG', 'draw it there instead; needs matplotlib')
+    arguments.add_number(parser, '--wait', 5.0, 'longest wait for a subscriber [s]', 'S')
+    arguments.add_path(parser, '--csv', 'CSV', 'write the profile to this table instead')
+    arguments.add_path(parser, '--plot', 'PNG', 'draw the profile instead; needs matplotlib')
 
 
 def run(options: argparse.Namespace) -> None:
-    """List, write, draw or play the profile."""
+    """List the movements, or write, draw or play the profile."""
     positive('--speed', options.speed, '-')
     not_negative('--wait', options.wait, 'time', 's')
     lowest, highest = _RATES
@@ -114,11 +114,11 @@ def _play(options: argparse.Namespace, profile: CommandProfile, config: Config) 
         without = '--list, --csv and --plot do without'
         raise ConfigError(f'playing {missing(error)}; {without}') from error
 
-    def state(what: str, played: float, duration: float) -> str:
+    def describe(activity: str, played: float, duration: float) -> str:
         rounds = max(0, math.ceil(played / duration) - 1)
         again = f', time {rounds + 1}' if rounds else ''
-        within = played - rounds * duration
-        return f'{options.profile}: {what}, {within:.1f} of {duration:.1f} s{again}'
+        elapsed = played - rounds * duration
+        return f'{options.profile}: {activity}, {elapsed:.1f} of {duration:.1f} s{again}'
 
     with StatusLine(sys.stderr) as line:
         play(
@@ -130,5 +130,5 @@ def _play(options: argparse.Namespace, profile: CommandProfile, config: Config) 
             rate=options.rate,
             release=not options.hold,
             timeout=options.wait,
-            report=lambda *played: line.show(lambda: state(*played)),
+            report=lambda *played: line.show(lambda: describe(*played)),
         )

@@ -1,4 +1,4 @@
-"""Options that compare and identify share, and the recording read as they say."""
+"""Options that compare and identify share, and the recording that they describe."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ from octo_arm_model.experiment.unknowns import OF_ENCODERS
 from octo_arm_model.rod.solver import MODELS
 
 ALL = 'all'
-# How recordings are read, behind the examples of each of the commands.
+# The part of the help of both commands about recordings.
 RECORDINGS = """\
 recordings of laboratories, for compare and identify alike:
   octo-arm compare trial --tensions /daq/cells:data --tendons 3 0 1 -
@@ -45,20 +45,20 @@ recordings of laboratories, for compare and identify alike:
       --columns time=Zeit tendon_1_1="LC 1" tendon_1_2=0 tendon_1_3=0 tendon_1_4=0
 
 how a recording is read:
-  Tensions are steady while none of them leaves a band of twice --steady, for at least --hold; the
+  Tensions are steady while all of them stay in bands of twice --steady for at least --hold; the
   first --settle seconds do not count. With --poses each row is a step, with the frames within
-  --tolerance of its stamp. The frames of the camera in a step become its mean midline, without
-  those more than three times as far from the median as the median frame. The base is the end of
-  the midlines that moves least, or --base-end. The offset of the camera's clock is found from the
-  motion, or --clock-offset. What the model published itself (backbone/path, tip_pose) is no
-  measurement unless named by --midlines. All these decisions are printed.
+  --tolerance of its stamp. The frames of the camera in a step are averaged to its mean midline,
+  without those more than three times as far from the median as the median frame. The base is the
+  end of the midlines that moves least, or --base-end. The offset of the camera's clock is found
+  from the motion, or is --clock-offset. Outputs of the model (backbone/path, tip_pose) are not
+  used as measurements unless --midlines names them. All these decisions are printed.
 
 exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input is wrong
 """
 
 
 def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
-    """Add the bag and how it is read; without --model it is the ``default``."""
+    """Add the bag and the options to read it; the help of --model names the ``default``."""
     bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
     parser.add_argument('bag', nargs='?', type=arguments.path_of, metavar='BAG', help=bag)
     arguments.add_config_option(parser, None, 'the arm_description in the bag')
@@ -72,38 +72,38 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
     text = (
         'measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
         '(geometry_msgs/PoseStamped, PointStamped, TransformStamped), sensor_msgs/PointCloud2, or '
-        'any field of points or poses of any message; by default the only ones there; with '
-        '--marker-s perhaps one of each marker, with --marker-frames topics of TF'
+        'any field of points or poses of any message; by default the only such topic; with '
+        '--marker-s one topic for all or for each marker, with --marker-frames topics of TF'
     )
     arguments.add_values(parser, '--midlines', 'TOPIC[:FIELD]', text)
     text = (
-        'arc coordinates of markers [m], from the base on: what is measured are points at these, '
-        'NaN where a marker is hidden, and no midlines'
+        'arc coordinates of markers [m], from the base on: the measured points are those of the '
+        'markers, NaN if one is hidden, instead of midlines'
     )
     arguments.add_values(parser, '--marker-s', 'S', text, float)
     text = (
-        'their frames in /tf and /tf_static, or in the topics of --midlines, in the same order; '
-        'chains of frames are followed to base_frame, or else to their root'
+        'frames of the markers in /tf and /tf_static, or in the topics of --midlines, in the same '
+        'order; chains of frames are followed to base_frame, or else to their root'
     )
     arguments.add_values(parser, '--marker-frames', 'FRAME', text)
     text = (
-        'their names among those of one message, or their numbers there from 0 on, or in a table '
-        'of columns NAME_x, NAME_y, NAME_z, in the same order'
+        'names of the markers in a message or in columns NAME_x, NAME_y, NAME_z of a table, or '
+        'their numbers in a message from 0 on, in the same order'
     )
     arguments.add_values(parser, '--marker-names', 'NAME', text)
     parser.add_argument(
         '--length-unit',
         choices=LENGTH_UNITS,
         default='m',
-        help='of what was measured (default: %(default)s)',
+        help='unit of the measured points (default: %(default)s)',
     )
-    text = 'tensions, or any numeric field of any topic; by default the only ones there'
+    text = 'tensions, or any numeric field of any topic; by default the only topic of tensions'
     arguments.add_value(parser, '--tensions', 'TOPIC[:FIELD]', text)
     text = (
         'lengths that winches have reeled in, as encoders read them (sensor_msgs/JointState, '
-        'position [m] by name), or any numeric field of any topic, see --motors and --spools; by '
-        'default tendon_displacements; where no tensions were recorded these follow from them '
-        '(model exact)'
+        'position [m] by name), or any numeric field of any topic with --motors and --spools; by '
+        'default tendon_displacements; if no tensions were recorded, the model exact computes '
+        'them from these lengths'
     )
     arguments.add_value(parser, '--displacements', 'TOPIC[:FIELD]', text)
     arguments.add_tendons(parser)
@@ -111,38 +111,38 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         '--align',
         nargs='+',
         metavar='A',
-        help="'fit' the camera's pose; 'none': it measures in base_frame; or X Y Z QX QY QZ QW, "
-        "its pose in base_frame (default: 'none' if the midlines are in base_frame, else 'fit')",
+        help="pose of the camera in base_frame: 'fit', 'none' if it measures in base_frame, or "
+        "X Y Z QX QY QZ QW (default: 'none' if the midlines are in base_frame, else 'fit')",
     )
     tables = parser.add_argument_group(
-        'CSV files', 'in place of topics; with midlines and readings from them there is no BAG'
+        'CSV files', 'instead of topics; BAG is left out if midlines and readings are in CSV files'
     )
     text = 'tensions: time [s] and a column for each tendon [N]'
     arguments.add_path(tables, '--tension-csv', 'CSV', text)
     text = 'midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ... [m]'
     arguments.add_path(tables, '--midline-csv', 'CSV', text)
-    text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each that has one [m]'
+    text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each encoder [m]'
     arguments.add_path(tables, '--displacement-csv', 'CSV', text)
-    text = 'a table of static poses: in each row tensions or encoders, and what was measured; '
-    arguments.add_path(tables, '--pose-csv', 'CSV', f'{text}with or without a time')
+    text = 'a table of static poses: each row has tensions or encoders, and the measured points; '
+    arguments.add_path(tables, '--pose-csv', 'CSV', f'{text}a time is optional')
     add_columns(tables)
     pairing = parser.add_argument_group('pairing of frames and tensions')
     tolerance = (
-        'how far stamps may be off [s] (default: %(default)s): a frame has a sample of tensions '
-        'within this time, and lies at least that far inside its steady step'
+        'tolerance of stamps [s] (default: %(default)s): a frame needs a sample of tensions '
+        'within this time, and must lie at least that far inside its steady step'
     )
     arguments.add_number(pairing, '--tolerance', 0.1, tolerance, 'S')
-    text = 'to add to the stamps of frames [s]; by default found from the motion'
+    text = 'offset added to the stamps of frames [s]; by default found from the motion'
     arguments.add_value(pairing, '--clock-offset', 'S', text, float)
     pairing.add_argument(
         '--base-end',
         choices=('first', 'last'),
-        help='point of the midlines at the base; by default the end that moves least',
+        help='end of the midlines at the base; by default the end that moves least',
     )
     text = (
-        'half the band that steady tensions stay in [N], or lengths [m] where there are no '
-        'tensions (default: the larger of 2 percent of the highest and four times the noise, as '
-        'far as that is below 5 percent of it)'
+        'half of the band that steady tensions stay in [N], or lengths [m] if there are no '
+        'tensions (default: 2 percent of the highest, or four times the noise if that is larger, '
+        'but at most 5 percent of the highest)'
     )
     arguments.add_value(pairing, '--steady', 'N', text, float)
     arguments.add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
@@ -154,32 +154,32 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         type=float,
         const=True,
         metavar='N',
-        help='tensions change slowly instead of in steps, and the arm is in equilibrium all the '
-        'time: windows of so many N (default: 5 percent of the highest tension, or eight times '
+        help='tensions change slowly instead of in steps, and the arm is always in equilibrium: '
+        'each window spans N newtons (default: 5 percent of the highest tension, or eight times '
         'the noise)',
     )
     text = 'each row of tensions is a static pose, as in a table of poses'
     arguments.add_flag(kind, '--poses', text)
-    settle = 'time from its beginning until the arm is at rest [s]'
+    settle = 'time from the start of a step until the arm is at rest [s]'
     arguments.add_number(pairing, '--settle', 0.5, settle, 'S')
 
 
 def add_columns(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
-    """Add ``--columns``."""
+    """Add ``--columns``, which assigns the columns of CSV files."""
     text = (
-        'columns of other names, or #N for the N-th, or a number in place of one (tendon_1_2=0), '
-        'or a YAML file of such; of one file alone tension:, midline: or displacement:NAME; units '
-        'are those in the header, such as "force [mN]"'
+        'column of the quantity NAME: its header, #N for the N-th column, or a constant '
+        '(tendon_1_2=0); or a YAML file of such pairs; tension:NAME, midline:NAME or '
+        'displacement:NAME for one of the files; units are those in the header, as "force [mN]"'
     )
     arguments.add_values(parser, '--columns', 'NAME=COLUMN', text)
 
 
 def _read_files(options: argparse.Namespace) -> CsvSources:
-    """The CSV files that options name; MeasurementError if they do not go together."""
+    """Return the CSV files that options name; MeasurementError if they exclude each other."""
     columns, pose = read_columns(options.columns), options.pose_csv
     if pose is None:
-        named = options.tension_csv, options.midline_csv, options.displacement_csv
-        return CsvSources(*named, columns)
+        paths = options.tension_csv, options.midline_csv, options.displacement_csv
+        return CsvSources(*paths, columns)
     for name in ('tension_csv', 'midline_csv', 'displacement_csv'):
         if getattr(options, name) is not None:
             raise MeasurementError(
@@ -189,7 +189,7 @@ def _read_files(options: argparse.Namespace) -> CsvSources:
 
 
 def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
-    """How frames are paired with tensions, and the step of a motion [s], None of equilibria.
+    """Return the rule that pairs frames with tensions, and the step of a motion [s] or None.
 
     OctoArmError if an option is wrong, or has no effect.
     """
@@ -200,18 +200,18 @@ def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
     step = arguments.read_dynamic(options)
     is_poses = options.poses or options.pose_csv is not None
     kind = POSES if is_poses else RAMP if options.ramp is not None else STEPS
-    other = {POSES: 'poses', RAMP: 'ramp', STEPS: 'dynamic'}[kind]
+    option = {POSES: 'poses', RAMP: 'ramp', STEPS: 'dynamic'}[kind]
     if step is not None:
         if kind != STEPS:
-            raise ConfigError(f'--dynamic, or a fit of a motion, does not go with --{other}')
+            raise ConfigError(f'--dynamic, or a fit of a motion, does not go with --{option}')
         kind = MOMENTS
     if kind != STEPS:
         arguments.refuse_without_effect(
-            options, ('--steady', '--hold', '--settle'), f'with --{other}'
+            options, ('--steady', '--hold', '--settle'), f'with --{option}'
         )
     width = None if options.ramp is True else options.ramp
-    given = options.tolerance, options.clock_offset, options.base_end, kind, width
-    return Pairing(steady, *given), step
+    arguments_of_pairing = options.tolerance, options.clock_offset, options.base_end, kind, width
+    return Pairing(steady, *arguments_of_pairing), step
 
 
 T = TypeVar('T')
@@ -222,21 +222,21 @@ def read_options(
 ) -> tuple[
     Recording, Observations, list[str], Alignment | None, list[str], TensionTrajectory | None
 ]:
-    """The recording of `add_recording`'s options, and how it is to be compared.
+    """Read the recording of `add_recording`'s options, and prepare its comparison.
 
-    Without --model it is ``default_models``, or the config's if there are none.
+    Without --model the models are ``default_models``, or that of the config if there are none.
 
     Returns:
-        The recording; its shapes; names of the models; the alignment of the camera, None for one
-        to be fitted; notes on all choices; and the tensions along which the arm moves, None where
-        it is in equilibrium.
+        The recording; its shapes; the names of the models; the alignment of the camera, None if it
+        is to be fitted; notes on all choices; and the tensions over time of a moving arm, None for
+        equilibria.
 
     Raises:
-        OctoArmError: if the bag or an option is wrong, or the bag holds nothing to compare.
+        OctoArmError: if the bag or an option is wrong, or the bag has nothing to compare.
     """
     pairing, step = _read_pairing(options)
     alignment = None if options.align is None else read_alignment(options.align)
-    measured = MarkerSources(
+    markers = MarkerSources(
         tuple(options.midlines),
         tuple(options.marker_s),
         tuple(options.marker_frames),
@@ -249,7 +249,7 @@ def read_options(
             options.bag,
             options.config,
             options.tensions,
-            measured,
+            markers,
             files,
             arguments.read_calibration(options),
             options.displacements,
@@ -283,43 +283,43 @@ def read_options(
         models = _models(options.model or ['exact'], config)
         if models != ['exact']:
             raise ConfigError(f'--model is {" ".join(models)}, of which only exact moves')
-    found = [*observations.notes, *notes]
-    return recording, observations, models, alignment, found, trajectory
+    all_notes = [*observations.notes, *notes]
+    return recording, observations, models, alignment, all_notes, trajectory
 
 
 def of_each(
     models: Sequence[str], done: str, notes: list[str], work: Callable[[str], T]
 ) -> list[T]:
-    """Results of ``work`` for those ``models`` where it raises no ConfigError or SolveError.
+    """Return the results of ``work`` for those ``models`` for which it succeeds.
 
     For the others ``notes`` say why they are not ``done``, such as 'compared'.
 
     Raises:
-        ConfigError: that of the last model, if there is no result for any.
-        SolveError: likewise.
+        ConfigError: for the last model, if ``work`` has failed for all.
+        SolveError: for the last model, if ``work`` has failed for all.
     """
-    found: list[T] = []
+    results: list[T] = []
     for model in models:
         try:
-            found.append(work(model))
+            results.append(work(model))
         except (ConfigError, SolveError) as error:
-            if model == models[-1] and not found:
+            if model == models[-1] and not results:
                 raise
             notes.append(f'{model} is not {done}: {error}')
-    return found
+    return results
 
 
-def _models(given: Sequence[str], config: Config) -> list[str]:
-    if not given:
+def _models(names: Sequence[str], config: Config) -> list[str]:
+    if not names:
         return [config.model]
-    return list(MODELS) if ALL in given else list(dict.fromkeys(given))
+    return list(MODELS) if ALL in names else list(dict.fromkeys(names))
 
 
 def read_alignment(words: Sequence[str]) -> Alignment | None:
-    """The alignment of ``--align``; None for one to be fitted.
+    """Return the alignment that ``--align`` gives; None if it is to be fitted.
 
     Raises:
-        ConfigError: if it is none.
+        ConfigError: if the ``words`` are not an alignment.
     """
     if list(words) == ['fit']:
         return None
@@ -337,22 +337,22 @@ def read_alignment(words: Sequence[str]) -> Alignment | None:
 
 
 def read_columns(words: Sequence[str]) -> dict[str, str]:
-    """Columns by what they are, from ``words`` name=COLUMN, or the name of a YAML file of such.
+    """Return columns by name, from ``words`` such as name=COLUMN or names of YAML files.
 
     Raises:
         MeasurementError: if a word is neither, or the file cannot be read.
     """
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
 
-    def take(name: str, column: str) -> None:
-        if name in found:
+    def add(name: str, column: str) -> None:
+        if name in columns:
             raise MeasurementError(f'--columns names {shown(name)} twice, expected once')
-        found[name] = column
+        columns[name] = column
 
     for word in words:
         name, equals, column = word.partition('=')
         if equals and name and column:
-            take(name, column)
+            add(name, column)
             continue
         if not word.endswith(('.yaml', '.yml')):
             raise MeasurementError(
@@ -366,5 +366,5 @@ def read_columns(words: Sequence[str]) -> dict[str, str]:
         ):
             raise MeasurementError(f'{word}: expected names with a column each, such as time: t')
         for key, value in content.items():
-            take(str(key), str(value))
-    return found
+            add(str(key), str(value))
+    return columns

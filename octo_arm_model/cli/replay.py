@@ -1,4 +1,4 @@
-"""``octo-arm replay``: the shapes for the tensions in a bag."""
+"""``octo-arm replay``: compute the shapes for the tensions in a bag."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from octo_arm_model.cli.recordings import add_columns, read_columns
 if TYPE_CHECKING:
     from octo_arm_model.bags.replay import Report
 
-SUMMARY = 'add to a bag of tensions the shapes of the arm'
+SUMMARY = 'add the shapes of the arm to a bag of tensions'
 DESCRIPTION = """\
 Answer every message of tensions or tendon_displacements in a bag as the node would, and write a
-new bag: backbone/path, backbone/poses, strains and tip_pose, and where tendons are driven by
-length tendon_tension_estimates, in the namespace of the inputs and with their stamps, beside what
-the old bag holds. ROS is not needed, and all messages are answered, however fast they were
-recorded.
+new bag with the content of the old one and the answers: backbone/path, backbone/poses, strains and
+tip_pose, and tendon_tension_estimates if tendons are driven by length. Answers have the namespace
+and the stamps of the inputs. ROS is not needed, and no message is skipped, at whatever rate they
+were recorded.
 """
 EPILOG = """\
 examples:
@@ -35,53 +35,51 @@ examples:
   octo-arm replay swings shapes --dynamic --config my_arm.yaml
 
 IN is a rosbag2 folder, of MCAP or sqlite3, or one of their files, or a table (.csv) with columns
-of tensions or displacements and perhaps time; it stays as it is. The arm is that of --config, or
-else of the topic arm_description, which the node publishes. Messages that
-hold no tensions of the arm (wrong number or names, NaN, negative) and those that the model has no
-trustworthy answer to are left out, counted and listed with their stamps. Loaded arms follow the
-last solution, from the unloaded shape on after a stamp that runs backwards; their loads are those
-of the config, and a tip_wrench in IN is not applied. With --dynamic the arm is at rest at first,
-and again where stamps run backwards or are more than 10 s apart; after a step that does not
-succeed there are no answers until then.
+of tensions or displacements and perhaps time; it is not changed. The arm is that of --config, or
+else of the topic arm_description, which the node publishes. Messages without valid tensions of the
+arm (wrong number or names, NaN, negative), and those without a trustworthy solution, are left out,
+counted and listed with their stamps. Each solution of a loaded arm starts from the last one, or
+from the unloaded shape after a stamp that runs backwards. The loads are those of the config; a
+tip_wrench in IN is not applied. With --dynamic the arm is at rest at first, and again after stamps
+that run backwards or are more than 10 s apart. If a step fails, there are no answers until then.
 
-OUT appears when it is complete. Where the disk is full, or after Ctrl-C, there is none. The models
-of the paper are quicker where numba is installed (the extra compiled).
+OUT appears when it is complete, and not at all after Ctrl-C or on a full disk. The models of the
+paper are faster if numba is installed (the extra compiled).
 
-exit status: 0 done, 1 the model has a trustworthy answer to no message, 2 the input is wrong (no
-bag, damaged, no tensions, none for this arm) or OUT cannot be written, 130 interrupted
+exit status: 0 done, 1 no message has a trustworthy answer, 2 the input is wrong (no bag, damaged,
+no tensions, none for this arm) or OUT cannot be written, 130 interrupted
 """
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
-    arguments.add_path(
-        parser, 'bag', 'IN', 'bag with tensions, or a table of them that ends in .csv'
-    )
-    arguments.add_path(parser, 'out', 'OUT', 'bag to write, not there yet')
-    arguments.add_config_option(parser, None, 'what the bag says')
+    """Add the options of this command to a ``parser``."""
+    text = 'bag with tensions, or a table of tensions whose name ends in .csv'
+    arguments.add_path(parser, 'bag', 'IN', text)
+    arguments.add_path(parser, 'out', 'OUT', 'new bag to write')
+    arguments.add_config_option(parser, None, 'the arm_description in the bag')
     arguments.add_model(parser)
     arguments.add_dynamic(parser)
     text = (
-        'topics of tensions or displacements, or any numeric field of any (default: all with the '
-        'names that the node listens to, in whatever namespace, or else the only one of such a '
-        'type)'
+        'topics of tensions or displacements, or any numeric field of any topic (default: all '
+        'with the names that the node listens to, in any namespace, or else the only one of such '
+        'a type)'
     )
     arguments.add_values(parser, '--topics', 'TOPIC[:FIELD]', text)
-    text = 'further topics of displacements, or any numeric field of any, see --motors'
+    text = 'further topics of displacements, or any numeric field of any topic, with --motors'
     arguments.add_values(parser, '--displacements', 'TOPIC[:FIELD]', text)
     arguments.add_tendons(parser)
     add_columns(parser)
     text = 'write tendon_lengths too; several times slower, as sets are solved one by one'
     arguments.add_flag(parser, '--lengths', text)
-    arguments.add_flag(parser, '--no-copy', 'write the answers alone, without what is in IN')
-    text = 'folder for stations.csv, and tensions.csv as `octo-arm play` reads it'
+    arguments.add_flag(parser, '--no-copy', 'write only the answers, without the content of IN')
+    text = 'folder for stations.csv, and for tensions.csv, which `octo-arm play` reads'
     arguments.add_path(parser, '--csv', 'DIR', text)
     arguments.add_storage(parser)
     arguments.add_json(parser, '')
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write the bag of answers, and print how many messages have one."""
+    """Write the bag of answers, and print how many messages have an answer."""
     from octo_arm_model.bags.replay import CsvAnswers, replay
     from octo_arm_model.bags.topics import find_arms
     from octo_arm_model.bags.writer import BagWriter
@@ -91,7 +89,7 @@ def run(options: argparse.Namespace) -> None:
     if step is not None and options.model not in (None, 'exact'):
         raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
     parameters = arguments.read_config_option(options)
-    began = time.monotonic()
+    start = time.monotonic()
     refuse_inside(options.bag, options.out, options.csv)
     check_out(options, '--csv', folder=True)
     calibration = arguments.read_calibration(options)
@@ -126,11 +124,11 @@ def run(options: argparse.Namespace) -> None:
                 progress=bar,
             )
         duration = reader.duration
-    elapsed = time.monotonic() - began
+    elapsed = time.monotonic() - start
     if options.json:
         content = dataclasses.asdict(report)
         for topic in content['topics'].values():
-            del topic['refusals']  # which `reasons` says in short
+            del topic['refusals']  # `reasons` has a summary of them
         content |= {'out': str(options.out), 'duration': duration, 'elapsed': elapsed}
         print(json.dumps(content))
     else:
@@ -139,7 +137,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def summary(report: Report) -> str:
-    """Counts and reasons of a replay, in text."""
+    """Return the counts and reasons of a replay as text."""
     lines = []
     for name, topic in report.topics.items():
         lines.append(f'{name}: {topic.answered} answered by {topic.model}')

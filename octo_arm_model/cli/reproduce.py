@@ -1,4 +1,4 @@
-"""``octo-arm reproduce``: the paper's figures, tables and claims, computed anew."""
+"""``octo-arm reproduce``: recompute the paper's figures, tables and claims."""
 
 import argparse
 import sys
@@ -7,11 +7,11 @@ from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, writing
 from octo_arm_model.reproduce.claims import CLAIMS
 
-SUMMARY = "compute the paper's figures, tables and claims anew, on one page"
+SUMMARY = "recompute the paper's figures, tables and claims, on one page"
 DESCRIPTION = """\
-Compute the paper's figures and tables anew and check the claims of its text, with all three
-models, and write them on one page: OUTDIR/renda2012.html, which needs no other file and no
-network. A browser prints it on A4. Takes about five seconds; needs matplotlib.
+Recompute the paper's figures and tables with all three models, check the claims of its text, and
+write the results to one page, OUTDIR/renda2012.html, which needs no other file and no network. A
+browser prints it on A4. The command takes about five seconds and needs matplotlib.
 """
 EPILOG = """\
 example:
@@ -22,12 +22,12 @@ exit status: 0 all claims hold for the paper's own model, 1 one does not, 2 the 
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     arguments.add_path(parser, 'outdir', 'OUTDIR', 'folder for the page')
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the page; 1 where a claim does not hold for the paper's own model."""
+    """Write the page; return 1 if a claim does not hold for the paper's own model."""
     # Imported before the work, so that a missing matplotlib is reported at once.
     from octo_arm_model.reproduce.page import as_html, summary
 

@@ -1,4 +1,4 @@
-"""``octo-arm simulate``: the motion of the arm along a profile of tensions, without ROS."""
+"""``octo-arm simulate``: simulate the motion along a profile of tensions, without ROS."""
 
 import argparse
 import time
@@ -19,10 +19,10 @@ from octo_arm_model.simulation.moving_arm import (
 
 SUMMARY = 'simulate the motion of the arm along a profile of tensions'
 DESCRIPTION = """\
-Simulate how the arm moves while its tendons are pulled along a profile: with its inertia, its
-weight, the viscosity of its material, and drag and added mass of the water around it. It begins
-at rest. PROFILE is a movement of `octo-arm play --list`, or a file as that command reads them;
-its tensions change linearly within a step. ROS is not needed.
+Simulate the motion of the arm under a profile of tensions, with inertia, weight, viscosity of the
+material, and drag and added mass of the surrounding water. The arm starts at rest. PROFILE is a
+movement of `octo-arm play --list`, or a file in the formats of that command. Tensions change
+linearly within a step. ROS is not needed.
 """
 EPILOG = """\
 examples:
@@ -35,13 +35,13 @@ A bag has the topics tendon_tensions, backbone/path, backbone/poses, strains and
 file has a row for each moment: time [s], position [m] and velocity [m/s] of the tip and tensions
 [N]. The same options give the same numbers.
 
-exit status: 0 done, 1 no step of the motion succeeds, as of an arm that is crushed, 2 the input is
+exit status: 0 done, 1 a step of the motion fails, as of an arm that is crushed, 2 the input is
 wrong or a file cannot be written, 130 interrupted
 """
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     arguments.add_moving_arm(parser)
     parser.add_argument(
         'profile',
@@ -49,10 +49,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='movement of octo-arm play --list, or a CSV or YAML file',
     )
     arguments.add_highest(parser, 'what the arm bears', ' of rotating, ramps, steps and sweeps')
-    arguments.add_number(parser, '--step', STEP, 'of the integration [s]', 'S')
-    arguments.add_number(parser, '--rate', 50.0, 'moments that are written, a second', 'HZ')
+    arguments.add_number(parser, '--step', STEP, 'step of the integration [s]', 'S')
+    arguments.add_number(parser, '--rate', 50.0, 'written moments per second', 'HZ')
     arguments.add_number(parser, '--hold', 0.0, 'time after the end of the profile [s]', 'S')
-    arguments.add_path(parser, '--out', 'BAG', 'bag to write, not there yet')
+    arguments.add_path(parser, '--out', 'BAG', 'new bag to write')
     arguments.add_path(parser, '--csv', 'CSV', 'table to write')
     arguments.add_path(parser, '--plot', 'PNG', 'picture to write; needs matplotlib')
     arguments.add_path(parser, '--animate', 'GIF', 'moving picture to write; needs matplotlib')
@@ -60,7 +60,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Simulate, and write what is wanted."""
+    """Simulate the motion, and write the files that options name."""
     config, parameters = arguments.read_moving_arm(options)
     for name in ('--csv', '--plot', '--animate'):
         check_out(options, name, folder=False, draws=name != '--csv')
@@ -69,31 +69,31 @@ def run(options: argparse.Namespace) -> None:
         raise ConfigError('--csv, --plot and --animate are expected to be different files')
     profile = find_profile(options.profile, config.arm, arguments.read_highest(options))
     timing = options.step, options.rate, options.hold
-    began = time.monotonic()
+    start = time.monotonic()
     with Bar('moments') as bar:
         moments = simulate(config.dynamics(), profile, *timing, bar)
         if options.out is None:
-            made = list(moments)
+            motion = list(moments)
         else:
             from octo_arm_model.bags.outputs import add_motion
             from octo_arm_model.bags.writer import BagWriter
 
             custom = {'octo_arm_simulate': f'{options.config} {options.profile}'}
             with unwritten(options.out), BagWriter(options.out, options.storage, custom) as writer:
-                made = add_motion(writer, config, parameters, moments)
-    elapsed = time.monotonic() - began
+                motion = add_motion(writer, config, parameters, moments)
+    elapsed = time.monotonic() - start
     around, what = config.loads.obstacles, options.profile
     for path, write in (
-        (options.csv, lambda place: write_motion_csv(place, made, config.arm.tendon_names)),
-        (options.plot, lambda place: draw_motion(place, made, what, around)),
-        (options.animate, lambda place: animate(place, made, options.rate, what, around)),
+        (options.csv, lambda place: write_motion_csv(place, motion, config.arm.tendon_names)),
+        (options.plot, lambda place: draw_motion(place, motion, what, around)),
+        (options.animate, lambda place: animate(place, motion, options.rate, what, around)),
     ):
         if path is not None:
             with writing(path) as place:
                 write(place)
-    tip = ', '.join(f'{1e3 * c:.2f}' for c in made[-1].backbone.tip)
-    fastest = max(float(np.linalg.norm(one.tip_velocity)) for one in made)
-    print(f'{made[-1].time:.4g} s simulated in {elapsed:.4g} s')
+    tip = ', '.join(f'{1e3 * c:.2f}' for c in motion[-1].backbone.tip)
+    fastest = max(float(np.linalg.norm(one.tip_velocity)) for one in motion)
+    print(f'{motion[-1].time:.4g} s simulated in {elapsed:.4g} s')
     print(f'tip at the end at {tip} mm, at most {fastest:.3g} m/s fast')
     for path in (options.out, *files):
         if path is not None:

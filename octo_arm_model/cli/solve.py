@@ -1,4 +1,4 @@
-"""``octo-arm solve``: the shape of an arm for one set of tensions or displacements."""
+"""``octo-arm solve``: solve an arm for one set of tensions or displacements."""
 
 import argparse
 import json
@@ -14,22 +14,22 @@ from octo_arm_model.rod.solver import Solver
 
 
 def as_dict(backbone: Backbone, solver: Solver) -> dict[str, object]:
-    """Shape as plain lists in SI units, ready for JSON."""
-    wound = displacements_of(solver, backbone)
+    """Return the shape as plain lists in SI units, for JSON."""
+    displacements = displacements_of(solver, backbone)
     arrays = ('s', 'section', 'position', 'quaternion', 'tau', 'xi', 'k', 'q')
     return {
         'model': backbone.model,
         **{name: getattr(backbone, name).tolist() for name in arrays},
         'tension': backbone.tensions.tolist(),
         'tendon_length': solver.tendon_lengths(backbone).tolist(),
-        'displacement': wound.tolist(),
+        'displacement': displacements.tolist(),
         'residual': float(backbone.residual),
         'iterations': int(backbone.iterations),
     }
 
 
 def summary(backbone: Backbone, solver: Solver) -> str:
-    """Shape at the base, the anchorages and the tip: millimetres and degrees."""
+    """Return the shape at the base, the anchorages and the tip as text, in millimetres."""
     distance = float(np.linalg.norm(backbone.tip - backbone.position[0]))
     is_end = np.append(np.diff(backbone.section) != 0, True)
     rows = np.flatnonzero(is_end | (np.arange(is_end.size) == 0))
@@ -55,13 +55,13 @@ def summary(backbone: Backbone, solver: Solver) -> str:
 
 
 def millimetres(position: FloatArray) -> str:
-    """A point [m] in millimetres."""
+    """Return a ``position`` [m] as text in millimetres."""
     return '(' + ', '.join(f'{value * 1e3:.2f}' for value in position) + ')'
 
 
 SUMMARY = 'solve an arm for one set of tensions or displacements'
 DESCRIPTION = """\
-Solve an arm for one set of tensions, or of lengths that winches reel in, and print its shape.
+Solve an arm for one set of tensions, or of lengths reeled in by winches, and print its shape.
 """
 EPILOG = ''
 _EXAMPLE = "'[[0,0,0.5,0]]'"
@@ -69,12 +69,12 @@ _NAMED = '\'{"tendon_1_1": 0.02}\''
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     arguments.add_config(parser)
     text = (
         'tensions [N]: one row for each section, from the tip to the base, '
-        "e.g. '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'; with --displacements by name, of tendons "
-        'that are held by tension, others are slack'
+        "e.g. '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'; with --displacements by name, for tendons "
+        'driven by tension; all others are slack'
     )
     arguments.add_value(parser, '--tensions', 'JSON', text)
     text = f'lengths that winches have reeled in [m], by name of the tendon, e.g. {_NAMED}'
@@ -83,8 +83,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Solve once and print the shape."""
-    # For one shape machine code takes longer to load than it saves.
+    """Solve the arm once and print the shape."""
+    # For a single shape, compiled code takes longer to load than it saves.
     solver = arguments.read_config(options).solver(compiled=False)
     slack: tuple[str, ...] = ()
     if options.displacements is not None:
@@ -113,7 +113,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _by_name(text: str, option: str, example: str) -> dict[str, float]:
-    """Numbers by tendon of a JSON ``option``; TensionError if it holds none."""
+    """Return the numbers by tendon in a JSON ``option``; TensionError if it has others."""
     values = arguments.read_json(text, option, example)
     if not isinstance(values, dict) or any(
         isinstance(value, bool) or not isinstance(value, (int, float)) for value in values.values()

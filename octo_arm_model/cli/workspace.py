@@ -1,4 +1,4 @@
-"""``octo-arm workspace``: where the tip can go."""
+"""``octo-arm workspace``: sample the positions that the tip can reach."""
 
 import argparse
 import json
@@ -9,12 +9,12 @@ from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, writing
 
-SUMMARY = 'draw where the tip can go'
+SUMMARY = 'draw the positions that the tip can reach'
 DESCRIPTION = """\
-Find where the tip of the arm can go: solve it for many sets of tensions, spread evenly between 0
-and --highest for every tendon at once, and draw the tips. Sets of tensions that the model has no
-answer for are counted and left out. The arm can go somewhat further than the tips drawn: of many
-tendons, hardly ever all are near an end of their range at once.
+Sample the workspace of the tip: solve the arm for many sets of tensions, spread evenly between 0
+and --highest over all tendons, and draw the tips. Sets of tensions without a solution are counted
+and left out. The arm reaches somewhat further than the tips drawn, because few of the sets have
+all tendons near an end of their range.
 """
 EPILOG = """\
 examples:
@@ -25,23 +25,24 @@ examples:
       --gravity 0 0 -9.81 --density 1080
 
 A set of tensions takes a fraction of a millisecond, but with gravity, water or other loads ten
-to a hundred milliseconds: then begin with few --samples. The same --seed, --samples and --highest
-give the same tips whatever --processes or --scheduler are.
+to a hundred milliseconds: start with few --samples then. The same --seed, --samples and --highest
+give the same tips with any --processes or --scheduler.
 """
-_PARTS = 0.1  # of the section at its anchorage that a tendon alone may compress it by
+_COMPRESSION = 0.1  # largest compression by one tendon of the section at its anchorage
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its options."""
+    """Add the options of this command to a ``parser``."""
     arguments.add_config(parser)
     default = (
-        'for each tendon, what alone compresses the cross section it is fastened at by 10 '
-        'percent, or bends the arm by two turns, or 10 percent of what folds it between discs'
+        'for each tendon the least tension that alone compresses the section at its anchorage '
+        'by 10 percent, bends the arm by two turns, or is 10 percent of that which folds it'
     )
     arguments.add_highest(parser, default)
-    arguments.add_number(parser, '--samples', 4096, 'sets of tensions, best a power of two', 'N')
-    arguments.add_number(parser, '--seed', 0, 'other seeds draw other tensions, as evenly', 'N')
-    text = 'worker processes; by default one for each core where that is quicker'
+    text = 'number of sets of tensions, at best a power of two'
+    arguments.add_number(parser, '--samples', 4096, text, 'N')
+    arguments.add_number(parser, '--seed', 0, 'seed of the sets of tensions', 'N')
+    text = 'number of worker processes; by default one for each core if that is faster'
     arguments.add_value(parser, '--processes', 'N', text, int)
     text = 'Dask scheduler whose workers solve instead, such as tcp://10.0.0.1:8786; needs '
     arguments.add_value(
@@ -57,7 +58,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Solve all samples, and draw and print where the tips are."""
+    """Solve all samples, and draw and print the positions of the tip."""
     config = arguments.read_config(options)
     if options.out is None and not options.json:
         options.out = Path('workspace.png')
@@ -67,7 +68,7 @@ def run(options: argparse.Namespace) -> None:
     with Bar('sets of tensions') as bar:
         workspace = sample_workspace(
             config,
-            default_highest(config.arm, _PARTS) if highest is None else highest,
+            default_highest(config.arm, _COMPRESSION) if highest is None else highest,
             options.samples,
             options.seed,
             processes=options.processes,
@@ -85,7 +86,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def as_dict(workspace: Workspace, model: str, seed: int) -> dict[str, object]:
-    """Workspace as plain lists in SI units, ready for JSON."""
+    """Return the workspace as plain lists in SI units, for JSON."""
     arrays = ('highest', 'tensions', 'tip', 'direction')
     return {
         'model': model,
@@ -97,7 +98,7 @@ def as_dict(workspace: Workspace, model: str, seed: int) -> dict[str, object]:
 
 
 def summary(workspace: Workspace, model: str, picture: Path | None) -> str:
-    """Number and extent of the tips in text, in millimetres."""
+    """Return the number and the extent of the tips as text, in millimetres."""
     reached, refused = len(workspace.tip), workspace.refused
     low, high = (f'{one:.4g}' for one in (workspace.highest.min(), workspace.highest.max()))
     lines = [

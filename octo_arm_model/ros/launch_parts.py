@@ -1,4 +1,4 @@
-"""What the launch files share: the table of arguments, nodes and RViz as launch actions."""
+"""What the launch files share: their arguments, and launch actions for nodes and RViz."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -40,17 +40,17 @@ def declare(*names: str) -> list[DeclareLaunchArgument]:
 
 
 def value_of(name: str, context: LaunchContext) -> str:
-    """Value of the argument ``name``."""
+    """Return the value of the launch argument ``name``."""
     return str(LaunchConfiguration(name).perform(context))
 
 
 def is_true(name: str, context: LaunchContext) -> bool:
-    """Whether the argument ``name`` is true or 1; an error of launch unless it is false or 0."""
+    """Whether the argument ``name`` is true or 1; launch fails unless it is false or 0."""
     return bool(IfCondition(LaunchConfiguration(name)).evaluate(context))
 
 
 def params_file(context: LaunchContext) -> str:
-    """Path of the parameter file that the argument ``params_file`` gives, by path or preset.
+    """Return the path of the file that ``params_file`` names, by path or as a preset.
 
     Raises:
         ConfigError: if there is no such preset.
@@ -59,33 +59,33 @@ def params_file(context: LaunchContext) -> str:
 
 
 def text(name: str) -> ParameterValue:
-    """The argument ``name`` as a string parameter, even if YAML reads it as a number."""
+    """Return the argument ``name`` as a string parameter, even if YAML reads it as a number."""
     return ParameterValue(LaunchConfiguration(name), value_type=str)
 
 
 def sim_time() -> dict[str, ParameterValue]:
-    """The parameter use_sim_time, with the value of the argument of that name."""
+    """Return the parameter use_sim_time with the value of the argument of that name."""
     return {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)}
 
 
 def overrides(context: LaunchContext, *names: str) -> dict[str, ParameterValue]:
-    """Parameters for those of the arguments ``names`` that are not empty."""
+    """Return a parameter for each of the arguments ``names`` that is not empty."""
     return {name: text(name) for name in names if value_of(name, context)}
 
 
-def arm_node(context: LaunchContext, program: str = 'octo_arm_node', **own: Any) -> Node:
-    """The node of an arm, its namespace and overrides from the arguments."""
+def arm_node(context: LaunchContext, program: str = 'octo_arm_node', **parameters: Any) -> Node:
+    """Return the node of an arm; the launch arguments give its namespace and overrides."""
     return node(
         program,
         program.removesuffix('_node'),
         LaunchConfiguration('namespace'),
         params_file(context),
-        sim_time() | overrides(context, *_OVERRIDES) | own,
+        sim_time() | overrides(context, *_OVERRIDES) | parameters,
     )
 
 
 def node(executable: str, name: str, namespace: Any, *parameters: Any) -> Node:
-    """A node of this package; later ``parameters`` override earlier ones."""
+    """Return a node of this package; later ``parameters`` override earlier ones."""
     return Node(
         package=PACKAGE,
         executable=executable,
@@ -97,10 +97,10 @@ def node(executable: str, name: str, namespace: Any, *parameters: Any) -> Node:
 
 
 def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Action:
-    """Start RViz with the configuration ``view`` if the argument ``rviz`` is true.
+    """Return an action that starts RViz with the configuration ``view`` if ``rviz`` is true.
 
-    The topics of a configuration are relative to ``namespace``. Where RViz is not installed that
-    is logged: a failure would end the launch and leave the nodes behind that it has started.
+    The topics of a configuration are relative to ``namespace``. If RViz is not installed, the
+    action logs that: a failure would end the launch and leave its started nodes behind.
     """
     condition = IfCondition(LaunchConfiguration('rviz'))
     if 'rviz2' not in get_packages_with_prefixes():

@@ -1,7 +1,7 @@
-"""The parameters of a node: declared with a value and type, and changed together while it runs.
+"""The parameters of a node: declared with values and types, and changed together at run time.
 
-Each is declared with a value: where one has none, rclpy answers a request for several parameters
-with an empty list, and `ros2 param dump` prints nothing.
+Every parameter has a value: if one has none, rclpy answers a request for several parameters with
+an empty list, and `ros2 param dump` prints nothing.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ Prepared = TypeVar('Prepared')
 
 
 class LiveParameters(Generic[Prepared]):
-    """Keeps the object that is built from the parameters of a node in step with them."""
+    """Rebuilds an object from the parameters of a node whenever they change."""
 
     def __init__(
         self,
@@ -30,40 +30,40 @@ class LiveParameters(Generic[Prepared]):
     ) -> None:
         """Declare ``table`` on ``node``.
 
-        A change that ``prepare`` raises an `OctoArmError` for is refused with its message. Between
-        `begin` and `end`, ``use`` gets what ``prepare`` returned for the others, and the names
-        that were set.
+        ``prepare`` builds the object from the values. If it raises an `OctoArmError`, the change
+        is refused with that message. Between `begin` and `end`, ``use`` is called with each new
+        object and the names of the parameters that were set.
 
         Raises:
-            ConfigError: if a value is of another type.
+            ConfigError: if a value has the wrong type.
         """
         self._prepare, self._use = prepare, use
         self._values = _declare(node, table)
         self._candidate: tuple[dict[str, Any], Prepared] | None = None
         self._names = {parameter.name for parameter in table} | set(self._values)
         self._is_used = False
-        known = {parameter.name: parameter for parameter in table}
+        parameters = {parameter.name: parameter for parameter in table}
         node.add_pre_set_parameters_callback(
-            lambda given: [_typed(change, known.get(change.name)) for change in given]
+            lambda changes: [_typed(change, parameters.get(change.name)) for change in changes]
         )
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._swap)
 
     def begin(self) -> None:
-        """Prepare the values given so far and hand the result to ``use``.
+        """Build the object from the present values and call ``use`` with it.
 
         Raises:
-            OctoArmError: if ``prepare`` refuses them.
+            OctoArmError: if ``prepare`` refuses the values.
         """
         self._use(self._prepare(self._values), set(self._values))
         self._is_used = True
 
     def end(self) -> None:
-        """Call ``use`` no more; changes are kept for the next `begin`."""
+        """Stop calling ``use``; changes are kept for the next `begin`."""
         self._is_used = False
 
     def _check(self, parameters: list[RosParameter]) -> SetParametersResult:
-        """Prepare the change to ``parameters``, or refuse it; nothing is in use yet."""
+        """Build the object for the changed ``parameters`` without using it, or refuse them."""
         changed = {p.name: p.value for p in parameters if p.name in self._names}
         self._candidate = None
         if not changed:
@@ -88,11 +88,11 @@ class LiveParameters(Generic[Prepared]):
 
 
 def _declare(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
-    """Declare the ``table`` on ``node``; returns values given at its start, of others as well."""
-    # Private in rclpy. Its automatic declaration fails for an empty list, whose type a file does
-    # not say.
+    """Declare the ``table`` on ``node``; return all its initial values, of other names too."""
+    # This attribute is private in rclpy, whose automatic declaration fails for an empty list: a
+    # file does not state the type of one.
     overrides = node._parameter_overrides
-    given = {
+    initial_values = {
         name: [] if parameter.value is None else _plain(parameter.value)
         for name, parameter in overrides.items()
         if not is_of_every_node(name)
@@ -106,23 +106,23 @@ def _declare(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
         )
         ros_type = _ros_type(parameter)
         node.declare_parameter(parameter.name, ros_type, descriptor, ignore_override=True)
-        value = given.get(parameter.name, parameter.default_or_none_given)
+        value = initial_values.get(parameter.name, parameter.default_or_none_given)
         values.append(ros_parameter(parameter, value))
-    # Typed, because rclpy cannot derive the type of an empty list.
+    # The values are typed because rclpy cannot derive the type of an empty list.
     node.set_parameters_atomically(values)
-    return given
+    return initial_values
 
 
 def _plain(value: Any) -> Any:
-    """The ``value`` of a parameter with lists in place of arrays and tuples."""
+    """Return the ``value`` of a parameter, with arrays and tuples converted to lists."""
     return list(value) if hasattr(value, 'typecode') or isinstance(value, tuple) else value
 
 
 def ros_parameter(parameter: Parameter, value: Any) -> RosParameter:
-    """The ``parameter`` with ``value``, as an rclpy parameter of its declared type.
+    """Return ``parameter`` with ``value`` as an rclpy parameter of its declared type.
 
     Raises:
-        ConfigError: if the value is of another type.
+        ConfigError: if the value has the wrong type.
     """
     converted = parameter.convert(value)
     plain = list(converted) if parameter.is_array else converted
@@ -130,13 +130,13 @@ def ros_parameter(parameter: Parameter, value: Any) -> RosParameter:
 
 
 def _ros_type(parameter: Parameter) -> RosParameter.Type:
-    """DOUBLE_ARRAY for ``double[]``, and so on."""
+    """Return the rclpy type of a ``parameter``, such as DOUBLE_ARRAY for ``double[]``."""
     return RosParameter.Type[parameter.type_name.upper().replace('[]', '_ARRAY')]
 
 
 def _typed(change: RosParameter, parameter: Parameter | None) -> RosParameter:
-    """The ``change`` of a ``parameter``, an integer or an empty list with its declared type."""
-    # `ros2 param` takes 1 for an integer, and an empty list of a file for one of booleans.
+    """Return ``change`` with integers and empty lists converted to the declared type."""
+    # `ros2 param` reads 1 as an integer, and an empty list in a file as one of booleans.
     kind, is_list = change.type_, change.type_.name.endswith('_ARRAY')
     if parameter is None or parameter.is_array != is_list:
         return change

@@ -31,7 +31,7 @@ from octo_arm_model.config import parameter_files
 from octo_arm_model.config.files import load_yaml, read_text
 from octo_arm_model.ros.work import interruptible
 
-# NAME, or NODE:NAME, of a parameter of all nodes or one.
+# NAME is a parameter of all nodes, NODE:NAME one of a single node.
 _TARGET = re.compile(r'(?:([\w/*]+):)?([\w./]+)', re.ASCII)
 
 
@@ -43,10 +43,10 @@ def start_ros(
     Raises:
         ConfigError: if an argument or a file cannot be parsed, or logs cannot be written.
     """
-    with read_here(arguments) as given:
+    with read_here(arguments) as ros_arguments:
         try:
-            rclpy.init(args=given, signal_handler_options=signals)
-        except RuntimeError as error:  # what rcl raises
+            rclpy.init(args=ros_arguments, signal_handler_options=signals)
+        except RuntimeError as error:  # rcl raises this type
             reason = str(error).split(', at /')[0]
             if 'logging' in reason.lower():
                 reason += (
@@ -58,27 +58,27 @@ def start_ros(
 
 @contextlib.contextmanager
 def read_here(arguments: Sequence[str]) -> Iterator[list[str]]:
-    """ROS ``arguments`` with the parameters that the command line reads in the same files.
+    """Yield ROS ``arguments`` whose parameter files this package has read, instead of rcl.
 
-    Files may be presets. All that files and -p set is written to one file for rcl, which must read
-    it within the block; of several values of a parameter the last counts.
+    Files may be presets. The parameters set by files and by -p are written to one temporary file,
+    which rcl must read within the block. The last of several values of a parameter counts.
 
     Raises:
-        ConfigError: if a file is no parameter file, or none can be written.
+        ConfigError: if a file is not a parameter file, or the temporary file cannot be written.
     """
-    given, merged = list(arguments), dict[str, dict[str, Any]]()
-    left, place = list[str](), 0
-    while given:
-        option, *given = given
-        nodes = _parameters_of(option, given[0]) if given else None
+    remaining, merged = list(arguments), dict[str, dict[str, Any]]()
+    passed_on, position = list[str](), 0
+    while remaining:
+        option, *remaining = remaining
+        nodes = _parameters_of(option, remaining[0]) if remaining else None
         if nodes is None:
-            left.append(option)
+            passed_on.append(option)
             continue
-        given, place = given[1:], place or len(left)
+        remaining, position = remaining[1:], position or len(passed_on)
         for node, parameters in nodes:
             merged.setdefault(node, {}).update(parameters)
     if not merged:
-        yield left
+        yield passed_on
         return
     with contextlib.ExitStack() as stack:
         try:
@@ -87,26 +87,26 @@ def read_here(arguments: Sequence[str]) -> Iterator[list[str]]:
             path.write_text(text, encoding='utf-8')
         except OSError as error:
             raise ConfigError(f'parameters cannot be handed to ROS: {error}') from error
-        yield [*left[:place], '--params-file', str(path), *left[place:]]
+        yield [*passed_on[:position], '--params-file', str(path), *passed_on[position:]]
 
 
 def _parameters_of(option: str, text: str) -> parameter_files.Nodes | None:
-    """What an ``option`` of ROS with its value ``text`` sets; None where rcl is to read it."""
+    """Return what a ROS ``option`` with the value ``text`` sets; None if rcl has to read it."""
     if option == '--params-file':
         path = parameter_files.find_path(text)
         with parameter_files.naming(path):
             return parameter_files.nodes_of(read_text(path, MAX_YAML_BYTES))
     target, _, value = text.partition(':=')
-    named = _TARGET.fullmatch(target)
-    if option not in ('-p', '--param') or named is None:
+    match = _TARGET.fullmatch(target)
+    if option not in ('-p', '--param') or match is None:
         return None
-    node, name = named[1] or '/**', named[2]
+    node, name = match[1] or '/**', match[2]
     with parameter_files.naming(text):
-        found = load_yaml(value)
-        if found is None or isinstance(found, dict):
+        parsed = load_yaml(value)
+        if parsed is None or isinstance(parsed, dict):
             return None
-        own = {name: parameter_files.value_of_one_type(name, found)}
-        return [(f'/{node.removeprefix("/")}', own)]
+        parameters = {name: parameter_files.value_of_one_type(name, parsed)}
+        return [(f'/{node.removeprefix("/")}', parameters)]
 
 
 @contextlib.contextmanager
@@ -114,7 +114,7 @@ def client_node(name: str, arguments: Sequence[str] = ()) -> Iterator[Node]:
     """Initialise rclpy with ``arguments`` and create a node, which is destroyed with the block.
 
     Raises:
-        ConfigError: as `start_ros`.
+        ConfigError: if an argument or a file cannot be parsed, or logs cannot be written.
     """
     start_ros(arguments)
     try:
@@ -122,7 +122,7 @@ def client_node(name: str, arguments: Sequence[str] = ()) -> Iterator[Node]:
         try:
             yield node
         finally:
-            # Threads of DDS that a forgotten node leaves running crash in a process that ends.
+            # DDS threads of a node that is not destroyed crash when the process ends.
             node.destroy_node()
     finally:
         rclpy.try_shutdown()
@@ -132,25 +132,25 @@ WARNING_PERIOD = 1.0  # [s] between warnings of one topic
 
 
 class RefusalLog:
-    """Warns of refused messages.
+    """Logs warnings of refused messages, at most one per topic and period.
 
-    Every topic has a period of its own, so that what is refused often does not hide what is
-    refused seldom. The logger's own throttle looks up the calling line, which takes longer than to
-    solve an arm.
+    Every topic has its own period, so that frequent refusals on one topic do not hide rare ones on
+    another. The logger's own throttle looks up the calling line, which takes longer than solving
+    an arm.
     """
 
     def __init__(self, node: Node) -> None:
-        """Warn by the logger of ``node``."""
+        """Warn through the logger of ``node``."""
         self._node = node
         self._next: dict[str, float] = {}
 
     def warn(self, topic: str, error: OctoArmError) -> None:
-        """Say why a message on ``topic``, a subscribed one, is refused; nothing if too soon."""
+        """Log why a message on the subscribed ``topic`` was refused, unless it is too soon."""
         if self._is_time(topic):
             self._node.get_logger().warning(f'{topic} refused: {in_short(error)}')
 
     def say(self, topic: str, words: str) -> None:
-        """Warn of what a message on ``topic`` led to, besides those refused."""
+        """Log ``words``, the consequence of an accepted message on ``topic``, once a period."""
         if self._is_time(f'{topic}:'):
             self._node.get_logger().warning(f'{topic}: {words}')
 
@@ -162,10 +162,10 @@ class RefusalLog:
         return True
 
 
-# builtin_interfaces/Time holds seconds of 32 bits, and rclpy takes no negative ones.
+# builtin_interfaces/Time has 32-bit seconds, and rclpy accepts no negative ones.
 _LAST_SECOND = 2**31 - 1
 _HIGHEST_TYPE = ParameterType.PARAMETER_STRING_ARRAY
-# Services of parameters, and their lists.
+# The parameter services, and the list in each request.
 _LISTS = {
     DescribeParameters: 'names',
     GetParameterTypes: 'names',
@@ -177,20 +177,20 @@ _LISTS = {
 
 
 class CheckedNode(Node):
-    """Checks the arguments of rclpy's own callbacks, whose exceptions would end the program.
+    """A node that checks what rclpy's own callbacks receive, as their exceptions end a program.
 
-    Parameters of a node with arguments of its own are read as `read_here` does.
+    `read_here` reads the parameter files among the arguments of such a node.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
-        """As `Node`; ConfigError if one of its own parameter files cannot be read."""
+        """Create the node ``name``; ConfigError if one of its parameter files cannot be read."""
         with read_here(options.pop('cli_args', None) or ()) as given:
             super().__init__(name, cli_args=given or None, **options)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., None], *args: Any, **options: Any
     ) -> Subscription:
-        """As `Node.create_subscription`; messages on /clock are checked first."""
+        """Create a subscription; messages on /clock are checked before ``callback`` gets them."""
         if msg_type is Clock and not options.get('raw'):
             callback = partial(self._take_clock, callback)
         return super().create_subscription(msg_type, topic, callback, *args, **options)
@@ -203,7 +203,7 @@ class CheckedNode(Node):
         *args: Any,
         **options: Any,
     ) -> Service:
-        """As `Node.create_service`; requests of parameters are checked first."""
+        """Create a service; parameter requests are checked before ``callback`` gets them."""
         if srv_type in _LISTS:
             callback = partial(self._answer_checked, _LISTS[srv_type], callback)
         return super().create_service(
@@ -211,7 +211,7 @@ class CheckedNode(Node):
         )
 
     def _take_clock(self, take: Callable[[Clock], None], message: Clock) -> None:
-        """Set simulated time to ``message``; a time that ROS cannot represent is refused."""
+        """Call ``take`` with a clock ``message``; refuse a time that ROS cannot represent."""
         sec, nanosec = message.clock.sec, message.clock.nanosec
         if sec < 0 or sec + nanosec // 10**9 > _LAST_SECOND:
             self.get_logger().warning(
@@ -224,13 +224,13 @@ class CheckedNode(Node):
     def _answer_checked(
         self, field: str, answer: Callable[..., Any], request: Any, response: Any
     ) -> Any:
-        """Answer a ``request`` whose list ``field`` is not too long, of known names and types."""
-        given, most = getattr(request, field), len(self._parameters)
-        if len(given) <= most:
-            problems = [self._problem(one) for one in given]
+        """Answer a ``request`` if its list ``field`` is short and has known names and types."""
+        items, most = getattr(request, field), len(self._parameters)
+        if len(items) <= most:
+            problems = [self._problem(item) for item in items]
         else:
             problems = [
-                f'{len(given)} {field} in one request, expected at most {most}: no more exist'
+                f'{len(items)} {field} in one request, expected at most {most}: no more exist'
             ]
         if not any(problems):
             return answer(request, response)
@@ -239,21 +239,21 @@ class CheckedNode(Node):
         if isinstance(response, SetParametersAtomically.Response):
             response.result = SetParametersResult(successful=False, reason=reason)
         elif isinstance(response, SetParameters.Response):
-            # Each by itself: what has no problem is set.
-            request.parameters = [one for one, problem in zip(given, problems) if not problem]
-            done = iter(answer(request, response).results)
+            # The parameters without a problem are set.
+            request.parameters = [item for item, problem in zip(items, problems) if not problem]
+            results = iter(answer(request, response).results)
             response.results = [
-                SetParametersResult(successful=False, reason=one) if one else next(done)
-                for one in problems
+                SetParametersResult(successful=False, reason=problem) if problem else next(results)
+                for problem in problems
             ]
         return response
 
-    def _problem(self, one: Any) -> str:
-        """Why ``one`` is no parameter of this node, or of no type that rclpy knows; or ''."""
-        if not isinstance(one, Parameter):
+    def _problem(self, item: Any) -> str:
+        """Say why ``item`` is unknown to this node or has an unknown type; '' if neither."""
+        if not isinstance(item, Parameter):
             return ''
-        if one.name not in self._parameters:
-            return f'{shown(one.name)} is no parameter of this node'  # rclpy does not say which
-        if one.value.type > _HIGHEST_TYPE:
-            return f'{one.name} is of type {one.value.type}, expected 0 to {_HIGHEST_TYPE}'
+        if item.name not in self._parameters:
+            return f'{shown(item.name)} is no parameter of this node'  # rclpy does not say which
+        if item.value.type > _HIGHEST_TYPE:
+            return f'{item.name} is of type {item.value.type}, expected 0 to {_HIGHEST_TYPE}'
         return ''

@@ -1,4 +1,4 @@
-"""Publishers and subscriptions whose QoS are parameters, and messages from and to arrays."""
+"""Publishers and subscriptions with QoS parameters, and conversion of messages and arrays."""
 
 import contextlib
 import copy
@@ -30,36 +30,36 @@ _TYPE = re.compile(r'([a-z]\w*)/msg/([A-Z]\w*)')
 
 
 def decoded(data: bytes, kind: Any) -> Any:
-    """The message of type ``kind`` that ``data`` is; MessageError if it is none."""
+    """Deserialise ``data`` as a message of type ``kind``; MessageError if that fails."""
     try:
         return deserialize_message(data, kind)
     except Exception as error:
-        # The middleware raises errors of several types for bytes that are no message.
+        # For bytes that are not a message the middleware raises errors of several types.
         raise MessageError(f'{len(data)} bytes that are no {kind.__name__}') from error
 
 
 def message_class(type_name: str) -> Any:
-    """The class of a type of messages, such as 'sensor_msgs/msg/JointState'.
+    """Return the class of a message type, such as 'sensor_msgs/msg/JointState'.
 
     Raises:
-        ConfigError: if it is not installed.
+        ConfigError: if the type is not installed.
     """
-    match, found, finder = _TYPE.fullmatch(type_name), None, importlib.machinery.PathFinder
+    match, message_type, finder = _TYPE.fullmatch(type_name), None, importlib.machinery.PathFinder
     package = finder.find_spec(match[1]) if match else None
     folders = package.submodule_search_locations if package else None
-    # Nothing of a package without messages is run to know that.
+    # The specs are looked up first, so that no code of a package without messages is run.
     if match and folders is not None and finder.find_spec(f'{match[1]}.msg', folders):
-        found = getattr(importlib.import_module(f'{match[1]}.msg'), match[2], None)
-    if not hasattr(found, 'get_fields_and_field_types'):
+        message_type = getattr(importlib.import_module(f'{match[1]}.msg'), match[2], None)
+    if not hasattr(message_type, 'get_fields_and_field_types'):
         raise ConfigError(
             f'no messages of type {shown(type_name)} are installed, expected one such as '
             'sensor_msgs/msg/JointState'
         )
-    return found
+    return message_type
 
 
 def wrench_values(message: Wrench) -> FloatArray:
-    """Force and moment (6,) [N, N m]; LoadError if a component is not finite."""
+    """Return force and moment (6,) [N, N m]; LoadError if a component is not finite."""
     force, torque = message.force, message.torque
     values = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
     if not np.isfinite(values).all():
@@ -68,19 +68,19 @@ def wrench_values(message: Wrench) -> FloatArray:
 
 
 def tensions_message(tensions: FloatArray, arm: Arm, stamp: Time, frame_id: str) -> TendonTensions:
-    """Tensions [N] of all tendons by name."""
+    """Return a message with the ``tensions`` [N] of all tendons by name."""
     header = Header(stamp=stamp, frame_id=frame_id)
     return TendonTensions(header=header, name=list(arm.tendon_names), tension=tensions.ravel())
 
 
 def pose_message(position: FloatArray, quaternion: FloatArray) -> Pose:
-    """One pose from position [m] and quaternion x, y, z, w."""
+    """Return the pose message of a position (3,) [m] and a quaternion x, y, z, w."""
     x, y, z = position.tolist()
     qx, qy, qz, qw = quaternion.tolist()
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
 
 
-# All of rclpy but avoid_ros_namespace_conventions, which would change the name of the topic.
+# All policies of rclpy but avoid_ros_namespace_conventions, which changes the name of the topic.
 POLICIES = (
     QoSPolicyKind.HISTORY,
     QoSPolicyKind.DEPTH,
@@ -93,18 +93,18 @@ POLICIES = (
 )
 MAX_DEPTH = 100_000
 _OVERRIDES = 'qos_overrides.'
-# What rclpy raises for impossible values of a policy.
+# rclpy raises these for impossible values of a policy.
 _REFUSALS = (InvalidQosOverridesError, ParameterException, RuntimeError, ValueError, OverflowError)
 
 
 def create_publisher(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Publisher:
-    """Publisher of ``node``, every policy of ``qos`` a parameter.
+    """Create a publisher of ``node``; every policy of ``qos`` is a parameter of the node.
 
     Raises:
         ConfigError: if such a parameter has a value that its policy cannot have.
     """
     with _overriding(node, 'publisher', topic) as options:
-        # A copy: rclpy writes the overrides into the profile that it is given.
+        # The profile is copied because rclpy writes the overrides into it.
         return node.create_publisher(kind, topic, copy.copy(qos), qos_overriding_options=options)
 
 
@@ -117,7 +117,7 @@ def create_subscription(
     *,
     raw: bool = False,
 ) -> Subscription:
-    """Subscription of ``node``, every policy of ``qos`` a parameter but the publisher's lifespan.
+    """Create a subscription of ``node``; every policy of ``qos`` but lifespan is a parameter.
 
     Raises:
         ConfigError: if such a parameter has a value that its policy cannot have.
@@ -129,18 +129,18 @@ def create_subscription(
 
 
 def is_overridden(node: Node, entity: str, topic: str) -> bool:
-    """Whether a policy is given of an ``entity``, publisher or subscription, of ``topic``."""
+    """Whether a parameter overrides a policy of ``entity``, publisher or subscription."""
     prefix = _prefix(node, entity, topic)
     return any(name.startswith(prefix) for name in node._parameter_overrides)
 
 
 def check_overrides(node: Node) -> None:
-    """Refuse overrides that no publisher or subscription of ``node`` uses.
+    """Check that some publisher or subscription of ``node`` uses each QoS override.
 
     Raises:
-        ConfigError: if there is one.
+        ConfigError: if an override is not used.
     """
-    # Private in rclpy.
+    # This attribute is private in rclpy.
     for name in sorted(node._parameter_overrides):
         if name.startswith(_OVERRIDES) and not _is_read_only(node, name):
             raise ConfigError(
@@ -152,11 +152,11 @@ def check_overrides(node: Node) -> None:
 
 @contextlib.contextmanager
 def _overriding(node: Node, entity: str, topic: str) -> Iterator[QoSOverridingOptions]:
-    """Options with which an ``entity`` of ``topic`` is created; ConfigError of what cannot be."""
+    """Yield the options to create an ``entity`` of ``topic``; ConfigError if rclpy refuses."""
     prefix = _prefix(node, entity, topic)
     for policy in POLICIES:
-        # Declared by the node itself it would not be read-only: a later change would be accepted
-        # and have no effect.
+        # If the node itself had declared it, it would not be read-only: a later change would be
+        # accepted and have no effect.
         name = prefix + policy.name.lower()
         if node.has_parameter(name) and not _is_read_only(node, name):
             node.undeclare_parameter(name)

@@ -1,10 +1,10 @@
-"""What nodes compute, in turns that requests and signals may come between.
+"""The work of nodes, divided into pieces so that requests and signals are served in between.
 
-A signal ends a callback: the solver may be seconds away from its result. Python runs signal
+A signal ends a callback, because the solver may need seconds to its result. Python runs signal
 handlers between its instructions, so an exception raised by the handler ends a solve after the
-NumPy call in progress, less than a second at the largest sizes of `arm.limits`. It is raised
-within callbacks only, and caught there: executors log what callbacks raise. Where numba compiles,
-LLVM calls Python back and loses what that raises: the signal then comes again.
+NumPy call in progress, which takes less than a second at the largest sizes of `arm.limits`. It is
+raised and caught within callbacks only, because executors log what callbacks raise. While numba
+compiles, LLVM calls Python back and loses an exception raised there: the signal is then repeated.
 """
 
 import collections
@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 
 _CALLED_BY_LLVM = ('llvmlite.binding.executionengine', '_raw_object_cache_')  # module, functions
-_AGAIN = 0.01  # [s]
+_REPEAT_AFTER = 0.01  # [s] until a signal is repeated
 
 
 class _Interruption(BaseException):
@@ -39,7 +39,7 @@ class _State:
 def install() -> None:
     """Handle SIGINT and SIGTERM in this process; call it before rclpy adds its own handlers.
 
-    SIGALRM is taken for a signal that has to come again.
+    SIGALRM is used to repeat a signal.
     """
     _State.has_come = _State.is_running = False
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
@@ -47,7 +47,7 @@ def install() -> None:
 
 
 def ignore_signals() -> None:
-    """Ignore SIGINT and SIGTERM from now on: they would kill a Python that is ending."""
+    """Ignore SIGINT and SIGTERM from now on: they would kill a Python process that is ending."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
 
@@ -57,18 +57,18 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
     if not _State.is_running:
         return
     module, functions = _CALLED_BY_LLVM
-    for one, _ in traceback.walk_stack(frame):
-        if one.f_globals.get('__name__') == module and one.f_code.co_name.startswith(functions):
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+    for call, _ in traceback.walk_stack(frame):
+        if call.f_globals.get('__name__') == module and call.f_code.co_name.startswith(functions):
+            signal.setitimer(signal.ITIMER_REAL, _REPEAT_AFTER)
             return
-    _State.is_running = False  # raised once: a second signal must not interrupt the clean-up
+    _State.is_running = False  # a second signal must not interrupt the clean-up
     raise _Interruption
 
 
 def interruptible(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """``callback``, ended by a signal and not called after one.
+    """Return a ``callback`` that a signal ends, and that does nothing after a signal.
 
-    It then returns its last argument: the response, if it is the callback of a service.
+    It then returns its last argument, which is the response if it is the callback of a service.
     """
 
     @functools.wraps(callback)
@@ -88,7 +88,7 @@ def interruptible(callback: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextlib.contextmanager
 def until_shutdown(context: Context) -> Iterator[None]:
-    """Ends quietly where a signal invalidates ``context`` meanwhile: what uses it then fails."""
+    """Ignore a RuntimeError within the block if a signal has shut down ``context``."""
     try:
         yield
     except RuntimeError:
@@ -97,7 +97,7 @@ def until_shutdown(context: Context) -> Iterator[None]:
 
 
 def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
-    """Call ``callback`` every ``period`` [s], also while the time of ROS stands still or jumps."""
+    """Call ``callback`` every ``period`` [s], even while ROS time stands still or jumps."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
@@ -105,28 +105,27 @@ Piece = Callable[[], bool | None]
 
 
 class WorkQueue:
-    """Pieces of work in turns, each a task of the executor.
+    """A queue of pieces of work, of which the executor has at most one as its task.
 
-    An executor answers in the order of arrival. Only one piece is a task at a time: parameters,
-    /clock and timers wait for the piece that is being done and for the one that is queued already,
-    however many others are due.
+    An executor works in the order of arrival. Parameters, /clock and timers therefore wait for the
+    piece in progress and the one that is its task already, but not for the rest of the queue.
     """
 
     def __init__(self, node: Node) -> None:
-        """Work for ``node``, while an executor spins it."""
+        """Do work for ``node`` while an executor spins it."""
         self._node = node
         self._due: collections.deque[Piece] = collections.deque()
         self._is_queued = False
         self._do = interruptible(self._do_next)
 
     def add(self, piece: Piece) -> None:
-        """Do ``piece`` in its turn, and again behind all others as long as it returns True."""
-        if piece not in self._due:  # else it stays in its place
+        """Queue ``piece``, which is queued again behind all others while it returns True."""
+        if piece not in self._due:  # a queued piece keeps its place
             self._due.append(piece)
         self._queue()
 
     def clear(self) -> None:
-        """Drop what is not done yet."""
+        """Drop the pieces that wait."""
         self._due.clear()
 
     def _queue(self) -> None:
@@ -149,8 +148,8 @@ class WorkQueue:
 
 
 Result = TypeVar('Result')
-SLICE = 0.02  # [s] of waiting for a long call between two looks at what else is to be done
-LONGEST_WAIT = 0.5  # [s] for a call that is abandoned to end
+SLICE = 0.02  # [s] to wait for a long call before other work is served
+LONGEST_WAIT = 0.5  # [s] to wait for the end of an abandoned call
 
 
 class _Abandoned(BaseException):
@@ -162,9 +161,9 @@ def sliced(
 ) -> Generator[None, None, Result]:
     """Wait in slices of ``seconds`` [s] for ``function(pause)``, which runs on its own thread.
 
-    It therefore has to have its own solver. The generator yields between slices, and returns or
-    raises what the function does. Where it is closed, or a signal ends a slice, the function is
-    ended at its next call of ``pause``.
+    The function needs its own solver. The generator yields between slices, and returns or raises
+    what the function does. If the generator is closed, or a signal ends a slice, the function ends
+    at its next call of ``pause``.
     """
     outcome: futures.Future[Result] = futures.Future()
     is_abandoned = threading.Event()
@@ -179,7 +178,7 @@ def sliced(
         except BaseException as error:
             outcome.set_exception(error)
 
-    # As a daemon it does not keep a process that a signal ends.
+    # A daemon thread does not keep the process alive after a signal.
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
@@ -191,38 +190,38 @@ def sliced(
         thread.join(LONGEST_WAIT)
 
 
-MOST_WAITING = 100  # requests of one service besides the one that is being answered
+MOST_WAITING = 100  # requests of one service besides the one in progress
 
-# Fills in the response to a request; suspended at every yield.
+# A generator that fills in the response to a request and is suspended at every yield.
 Steps = Generator[None, None, None]
 Answer = Callable[[Any, Any], Steps]
 
 
 class QueuedService:
-    """Takes requests as they come and answers them later, one at a time.
+    """A service that queues its requests and answers them later, one at a time.
 
-    An executor answers a request before it turns to anything else: a hundred of them would keep a
-    request for parameters waiting for a hundred solves.
+    An executor answers a request before it does anything else: with a hundred of them, a request
+    for parameters would wait for a hundred solves.
     """
 
     def __init__(self, node: Node, kind: Any, name: str, answer: Answer, work: WorkQueue) -> None:
         """Offer the service ``name`` of type ``kind``, whose responses have success and message.
 
-        ``answer`` fills in a response, in pieces of ``work`` that end where it yields.
+        ``answer`` fills in a response; each of its steps between yields is a piece of ``work``.
         """
         self._node, self._answer, self._work = node, answer, work
-        # A request, its response and its header; the first is being answered.
+        # Each has a request, its response and its header; the first is being answered.
         self._waiting: collections.deque[tuple[Any, Any, Any]] = collections.deque()
         self._steps: Steps | None = None
         self._request: Any = None
         self._service = node.create_service(kind, name, self._keep)
-        # `send_response` gets the header that identifies the request, the callback does not; nor
-        # may that be a coroutine, for which rclpy's events executor does not wait.
+        # Only `send_response` gets the header that identifies the request. The callback cannot be
+        # a coroutine, because rclpy's events executor does not wait for one.
         self._send = self._service.send_response
         self._service.send_response = self._add  # type: ignore[method-assign]
 
     def close(self) -> None:
-        """Destroy the service; what waits is answered with that."""
+        """Refuse the requests that wait, and destroy the service."""
         if self._steps is not None:
             self._steps.close()
         for _, response, header in self._waiting:

@@ -1,12 +1,12 @@
-"""Who may command, and what: the headers Host and Origin of requests, and their messages.
+"""Checks of who may command the arm: headers Host and Origin, and the messages of pages.
 
 A browser sends the origin of the page with every WebSocket that the page opens; other origins are
 refused. A page whose name resolves to this machine (DNS rebinding) has the origin of the viewer,
 but its own name in Host, which is checked too.
 
 The pages here need five of viser's messages: the camera, the value of a control, and a dragged
-point with the start and end of the drag. All others are refused: uploads, other attributes of a
-control, sharing over the internet, notifications of other pages.
+point with the start and end of the drag. All others are refused, such as uploads, other attributes
+of a control, sharing over the internet and notifications of other pages.
 """
 
 import ipaddress
@@ -28,26 +28,26 @@ class Access:
     """The allowed hosts and origins of a page served on one host."""
 
     def __init__(self, host: str, origins: Sequence[str]) -> None:
-        """Allow the page itself on ``host``, and pages of ``origins``, as http://arm.lab:8080.
+        """Allow the page on ``host``, and pages of ``origins`` such as http://arm.lab:8080.
 
         Raises:
-            ConfigError: if one of ``origins`` is none.
+            ConfigError: if one of ``origins`` is not an origin.
         """
         self._origins = {_origin_of(origin) for origin in origins}
         self._names = {*_THIS_MACHINE, host.lower(), *(name for _, name, _ in self._origins)}
-        # Addresses cannot be rebound. A loopback host needs no other address.
+        # DNS cannot rebind an address. A loopback host needs no other address.
         is_loopback = _is_address(host) and ipaddress.ip_address(host).is_loopback
         self._takes_addresses = not (is_loopback or host == 'localhost')
 
     def objection(self, hosts: Sequence[str], origins: Sequence[str]) -> str:
-        """Why a request with these headers Host and Origin is refused; empty if it is not."""
+        """Return why a request with these headers Host and Origin is refused; '' if it is not."""
         host = _split(f'//{hosts[0]}') if len(hosts) == 1 else None
         name = host.hostname or '' if host else ''
         is_address = self._takes_addresses and _is_address(name)
         if host is None or not (name in self._names or is_address):
             return f'host {shown(", ".join(hosts))} is not one that this page is served as'
         if not origins:
-            return ''  # no browser, which would always send one
+            return ''  # not from a browser, which always sends an origin
         page = _split(origins[0]) if len(origins) == 1 else None
         if page is None or page.scheme not in _DEFAULT_PORTS or page.path:
             return f'origin {shown(", ".join(origins))} is none'
@@ -59,7 +59,7 @@ class Access:
 
 
 def _origin_of(text: str) -> tuple[str, str, int]:
-    """Scheme, host and port of an origin; ConfigError if it is none."""
+    """Return scheme, host and port of an origin; ConfigError if ``text`` is not an origin."""
     parts = _split(text)
     if parts is None or parts.scheme not in _DEFAULT_PORTS or parts.path or not parts.hostname:
         raise ConfigError(f'origin is {text!r}, expected one such as http://arm.lab:8080')
@@ -67,10 +67,10 @@ def _origin_of(text: str) -> tuple[str, str, int]:
 
 
 def _split(text: str) -> SplitResult | None:
-    """Parts of a URL of scheme, host and port; None if it has further parts or is invalid."""
+    """Split a URL of scheme, host and port; None if it has further parts or is invalid."""
     try:
         parts = urlsplit(text)
-        parts.port  # noqa: B018 - raises if it is no port
+        parts.port  # noqa: B018 - raises if the port is invalid
     except ValueError:
         return None
     has_more = parts.query or parts.fragment or '@' in parts.netloc or not parts.netloc
@@ -85,7 +85,7 @@ def _is_address(name: str) -> bool:
     return True
 
 
-_FARTHEST = 1e6  # [m] of the camera or a dragged point from the origin
+_FARTHEST = 1e6  # [m] largest distance of the camera or a dragged point from the origin
 _MOST_PIXELS = 100_000  # along one side of a window
 _ROUNDING = 1e-9  # relative to the range of a slider
 
@@ -94,7 +94,7 @@ _Rotation = tuple[float, float, float, float]
 
 
 class _Request(msgspec.Struct, tag_field='type', forbid_unknown_fields=True):
-    """A message of a page, in msgpack."""
+    """A message of a page, encoded in msgpack."""
 
 
 class _Camera(_Request, tag='ViewerCameraMessage'):
@@ -145,18 +145,18 @@ _decoder = msgspec.msgpack.Decoder(_Camera | _Value | _Drag | _DragStart | _Drag
 
 
 class Requests:
-    """Checks the messages of pages to one server."""
+    """Checks the messages from pages to one server."""
 
     def __init__(self) -> None:
-        """Check values and drags only once `watch` is called."""
+        """Create the checks; values and drags are checked after `watch` is called."""
         self._server: viser.ViserServer | None = None
 
     def watch(self, server: viser.ViserServer) -> None:
-        """Check against the controls and points of ``server``."""
+        """Check values and drags against the controls and points of ``server``."""
         self._server = server
 
     def objection(self, data: str | bytes) -> str:
-        """Why a message is refused; empty if it is not."""
+        """Return why a message is refused; '' if it is not."""
         if isinstance(data, str):
             return 'text where a message was expected'
         try:
@@ -170,14 +170,14 @@ class Requests:
         if list(request.updates) != ['value']:
             return f'{shown(list(request.updates))} of a control, expected its value alone'
         control = self._control(request.uuid)
-        # None of one that is removed since, as for another arm; viser ignores it.
+        # The control may have been removed, as for another arm; viser then ignores the message.
         return '' if control is None else _value_objection(control, request.updates['value'])
 
     def _control(self, uuid: str) -> object | None:
         if self._server is None:
             return None
         clients = self._server.get_clients().values()
-        # viser has no public lookup of a control by its uuid; another thread may remove it.
+        # viser has no public look-up of a control by its uuid, and another thread may remove it.
         controls = (
             gui._gui_input_handle_from_uuid.get(uuid)
             for gui in (self._server.gui, *(c.gui for c in clients))
@@ -216,5 +216,5 @@ def _value_objection(control: Any, value: Any) -> str:
 
 
 def _are_bounded(values: Iterable[float], most: float) -> bool:
-    """Whether all are within ``most`` of 0; NaN is not."""
+    """Whether all ``values`` are between -``most`` and ``most``; NaN is not."""
     return all(-most <= value <= most for value in values)

@@ -1,4 +1,4 @@
-"""The commanded tensions over time: set by sliders, in transition, from a profile or a search."""
+"""The commanded tensions over time: from sliders, transitions, profiles and the target search."""
 
 import contextlib
 import math
@@ -21,24 +21,24 @@ from octo_arm_model.arm.validation import positive
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.profiles import CommandProfile, transition
 
-MOVE_TIME = 1.0  # [s] to a preset or to the first row of a profile
+MOVE_TIME = 1.0  # [s] of a transition to a preset or to the first row of a profile
 
 
 class Commander:
-    """Tensions to command: constant, in transition to others, or played from a profile.
+    """The tensions to command: constant, in transition to others, or played from a profile.
 
     Attributes:
-        tensions: commanded last [N], (tendons,).
-        profile: the profile that is played; None for none.
+        tensions: newest commanded tensions [N], (tendons,).
+        profile: the profile that is played, or None.
     """
 
     def __init__(self, tensions: ArrayLike) -> None:
-        """Begin at ``tensions`` [N], (tendons,), without a command."""
+        """Start at ``tensions`` [N], (tendons,), without a command."""
         self.tensions = np.array(tensions, dtype=np.float64)
         self.profile: CommandProfile | None = None
         self._speed, self._loop = 1.0, False
         self._transition: CommandProfile | None = None
-        self._began = 0.0
+        self._started = 0.0
         self._is_due = False
 
     def pull(self, tendon: int, tension: float) -> None:
@@ -48,14 +48,14 @@ class Commander:
         self._is_due = True
 
     def move(self, tensions: ArrayLike, now: float, duration: float = MOVE_TIME) -> None:
-        """Begin a smooth transition to ``tensions`` [N] at ``now``, of ``duration`` [s]."""
+        """Start a smooth transition to ``tensions`` [N] at ``now`` [s], of ``duration`` [s]."""
         self.stop()
-        self._transition, self._began = transition(self.tensions, tensions, duration), now
+        self._transition, self._started = transition(self.tensions, tensions, duration), now
 
     def play(
         self, profile: CommandProfile, now: float, *, speed: float = 1.0, loop: bool = True
     ) -> None:
-        """Play ``profile`` from its beginning, after a smooth transition to it.
+        """Play ``profile`` from its first row, after a smooth transition to it.
 
         Raises:
             ArmDefinitionError: if ``speed`` is not finite or not > 0.
@@ -65,34 +65,34 @@ class Commander:
         self.profile, self._speed, self._loop = profile, speed, loop
 
     def change_speed(self, speed: float, now: float) -> None:
-        """Continue the profile at another ``speed``.
+        """Continue the profile at another ``speed`` [-].
 
         Raises:
-            ArmDefinitionError: if it is not finite or not > 0.
+            ArmDefinitionError: if ``speed`` is not finite or not > 0.
         """
         positive('speed', speed, '-')
         if self.profile is not None and self._transition is None:
-            self._began = now - (now - self._began) * self._speed / speed
+            self._started = now - (now - self._started) * self._speed / speed
         self._speed = speed
 
     def stop(self) -> None:
-        """Hold the tensions."""
+        """Stop any transition or profile, and hold the tensions."""
         self.profile = self._transition = None
 
     @property
     def is_moving(self) -> bool:
-        """Whether there is a transition or a profile is played."""
+        """Whether a transition or a profile is in progress."""
         return self._transition is not None or self.profile is not None
 
     def advance(self, now: float) -> FloatArray | None:
-        """Tensions to command at ``now`` [s], (tendons,) [N]; None if they have not changed."""
+        """Return the tensions for ``now`` [s], (tendons,) [N]; None if they have not changed."""
         if self._transition is not None:
-            self._set(self._transition.at(now - self._began))
-            if now - self._began >= self._transition.duration:
-                self._began += self._transition.duration
+            self._set(self._transition.at(now - self._started))
+            if now - self._started >= self._transition.duration:
+                self._started += self._transition.duration
                 self._transition = None
         elif self.profile is not None:
-            time = (now - self._began) * self._speed
+            time = (now - self._started) * self._speed
             self._set(self.profile.at(time, loop=self._loop))
             if time >= self.profile.duration and not self._loop:
                 self.profile = None
@@ -105,18 +105,18 @@ class Commander:
 
 
 def as_yaml(arm: Arm, tensions: FloatArray, flow: bool | None = None) -> str:
-    """``tensions`` (tendons,) [N] as the YAML of an octo_arm_msgs/msg/TendonTensions.
+    """Return ``tensions`` (tendons,) [N] as YAML of an octo_arm_msgs/msg/TendonTensions.
 
-    In one line where it is to ``flow``.
+    With ``flow`` the text is a single line.
     """
     message = {'name': list(arm.tendon_names), 'tension': np.round(tensions, 6).tolist()}
     return yaml.safe_dump(message, default_flow_style=flow, sort_keys=False, width=math.inf)
 
 
 def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
-    """``tensions`` (tendons,) [N] as a line for a shell that publishes them once on ``topic``.
+    """Return a shell command that publishes ``tensions`` (tendons,) [N] once on ``topic``.
 
-    It names the ROS domain of this process, unless that is 0.
+    It sets the ROS domain of this process, unless that is 0.
     """
     message = shlex.quote(as_yaml(arm, tensions, flow=True).strip())
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
@@ -125,35 +125,35 @@ def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
 
 
 Answer = Inverse | OctoArmError
-Request = tuple[FloatArray, FloatArray]  # tip [m] and tensions to begin from [N]
+Request = tuple[FloatArray, FloatArray]  # target of the tip [m] and initial tensions [N]
 
 
 class _Superseded(Exception):
-    """There is a newer target, or none is searched for any more."""
+    """Raised in a search if there is a newer target, or if the search is closed."""
 
 
 class TargetSearch:
-    """Finds tensions for the newest of the requested targets; older ones are dropped."""
+    """Finds tensions for the newest requested target in a thread; older targets are dropped."""
 
     def __init__(
         self, solver: Solver, highest: FloatArray, deliver: Callable[[Answer], None]
     ) -> None:
-        """Search with ``solver`` up to ``highest`` [N]; ``deliver`` is called in its thread."""
+        """Search with ``solver`` up to ``highest`` [N]; its thread calls ``deliver``."""
         self._solver, self._deliver = solver, deliver
         self._highest = highest.reshape(solver.arm.tension_shape)
         self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._last: Request | None = None
-        # A daemon: the end of a program does not wait for a search, as it would for a pool.
+        # A program that ends does not wait for a daemon thread, but would wait for a pool.
         threading.Thread(target=self._work, name='search', daemon=True).start()
 
     def request(self, tip: FloatArray, start: FloatArray) -> None:
-        """Search tensions for the tip at ``tip`` (3,) [m], from ``start`` (tendons,) [N]."""
+        """Search tensions that move the tip to ``tip`` (3,) [m], from ``start`` (tendons,) [N]."""
         start = np.clip(start.reshape(self._highest.shape), 0.0, self._highest)
         self._last = np.array(tip), start
         self._requests.put(self._last)
 
     def close(self) -> None:
-        """Search no more."""
+        """End the search and its thread."""
         self._last = None
         self._requests.put(None)
 
@@ -169,8 +169,8 @@ class TargetSearch:
 
         check()
         try:
-            given = self._solver, TipPosition(request[0]), self._highest
-            answer: Answer = find_tensions(*given, start=request[1], pause=check)
+            arguments = self._solver, TipPosition(request[0]), self._highest
+            answer: Answer = find_tensions(*arguments, start=request[1], pause=check)
         except OctoArmError as error:
             answer = error
         check()

@@ -1,4 +1,4 @@
-"""The controls of the page: sliders, profiles, copies, other models; of arms that move too."""
+"""The controls of the page: tensions, movements, comparison of models, and a simulated arm."""
 
 import html
 import itertools
@@ -21,11 +21,11 @@ from octo_arm_model.ros.client.commands import SimulatorClient
 from octo_arm_model.simulation import movements
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
-from octo_arm_model.viewer.scene import OTHER_COLOUR, ArmScene, beside
+from octo_arm_model.viewer.scene import OTHER_COLOUR, ArmScene, comparison_offset
 
-# Queues a function for the thread of the viewer, as viser calls back in many threads.
+# Queues a function for the thread of the viewer, because viser calls back in many threads.
 Later = Callable[[Callable[[], None]], None]
-_STEPS = 200  # of a slider
+_STEPS = 200  # number of steps of a slider
 _COPY = (
     '<pre style="white-space:pre-wrap;word-break:break-all;user-select:all;margin:0 1em 0.6em;'
     'font-size:0.85em" class="octo-arm-copied">{text}</pre><button style="margin:0 1.2em 1em" '
@@ -37,8 +37,8 @@ _COPY = (
 class Controls:
     """The controls for the tensions of one arm.
 
-    What browsers do with them is done in that order: viser calls coroutines at once and one after
-    the other, functions by any of many threads.
+    Their callbacks are coroutines, which viser calls in the order of the events; it would call
+    functions in any of many threads.
 
     Attributes:
         highest: limit of each tendon and end of its slider [N], (tendons,).
@@ -52,52 +52,52 @@ class Controls:
         topic: str,
         later: Later,
     ) -> None:
-        """Add them to the page of ``server``; commands are published on ``topic``."""
+        """Add the controls to the page of ``server``; commands are published on ``topic``."""
         self._gui, self._arm, self._commander = server.gui, config.arm, commander
         self._loop = server.get_event_loop()
         self._topic, self._later = topic, later
         self._lock, self._is_closed = threading.Lock(), False
         self.highest = movements.tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
-        # Where browsers have moved each slider to, until that is commanded [N].
+        # Values that browsers have moved each slider to and that are not commanded yet [N].
         self._moved: list[deque[float]] = []
-        self._add_figures()
+        self._add_presets()
         self._add_sliders()
         self._add_copies()
         self._problem = self._gui.add_html('')
 
     def follow(self) -> None:
-        """Have the controls set to what is commanded, soon.
+        """Schedule that the controls are set to the commanded tensions.
 
-        It is done where viser takes what browsers set: else it could come between a value and its
-        callback, and that value would be lost.
+        The event loop of viser does it: any other thread could do it between a value from a
+        browser and its callback, and that value would be lost.
         """
         self._loop.call_soon_threadsafe(self._follow)
 
     def close(self) -> None:
-        """Set the controls no more, as they will be removed."""
+        """Stop setting the controls, because they will be removed."""
         with self._lock:
             self._is_closed = True
 
     def _follow(self) -> None:
-        """Set the sliders to the commanded tensions, but for those whose command is due."""
+        """Set the sliders to the commanded tensions, except those whose command is due."""
         with self._lock:
             if self._is_closed:
                 return
             tensions = self._commander.tensions.tolist()
             for slider, moved, tension in zip(self._sliders, self._moved, tensions, strict=True):
-                # One that a browser moves farther meanwhile would jump back.
+                # A slider that a browser is moving would jump back.
                 if not moved and round(tension, 4) != round(slider.value, 4):
-                    # Rounding may exceed the maximum of the slider. mypy misses the setter.
+                    # The rounded value may exceed the slider's maximum. mypy misses the setter.
                     slider.value = min(round(tension, 4), slider.max)  # type: ignore[misc]
             is_playing = self._commander.profile is not None
             self._play.visible, self._stop.visible = not is_playing, is_playing
 
-    def complain(self, problem: object) -> None:
+    def show_problem(self, problem: object) -> None:
         """Show ``problem`` until the next command."""
-        self._problem.content = numbers.failed(problem)
+        self._problem.content = numbers.error_text(problem)
 
-    def _add_figures(self) -> None:
+    def _add_presets(self) -> None:
         slack = self._gui.add_button('Let all go slack')
         rest = np.zeros(len(self._arm.tendons))
 
@@ -141,7 +141,7 @@ class Controls:
         def pull() -> None:
             self._problem.content = ''
             self._commander.pull(tendon, moved[0])
-            moved.popleft()  # no earlier, as the slider follows what is commanded from then on
+            moved.popleft()  # only now, because the slider then follows the commanded tension
 
         def moved_by(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client_id is not None:  # from a browser, not by `follow`
@@ -151,31 +151,31 @@ class Controls:
         slider.on_update(_in_order(moved_by))
 
     def add_profiles(self) -> None:
-        """Add the controls that play movements, within the current container."""
+        """Add the controls that play movements to the current container."""
         names = movements.profile_names(self._arm)
-        chosen = self._gui.add_dropdown('Movement', tuple(names))
-        text = self._gui.add_html(numbers.note(names[chosen.value]))
+        movement = self._gui.add_dropdown('Movement', tuple(names))
+        description = self._gui.add_html(numbers.note(names[movement.value]))
         speed = self._gui.add_slider('Speed', min=0.1, max=3.0, step=0.1, initial_value=1.0)
         loop = self._gui.add_checkbox('Loop', initial_value=True)
         self._play = self._gui.add_button('Play', icon=viser.Icon.PLAYER_PLAY)
         self._stop = self._gui.add_button('Stop', icon=viser.Icon.PLAYER_STOP, visible=False)
 
         def play() -> None:
-            # Names in the list only; `movements.find_profile` reads others as paths of files.
-            if chosen.value not in names:
-                raise ProfileError(f'no movement {chosen.value!r}, expected one that is listed')
-            profile = movements.find_profile(chosen.value, self._arm)
+            # Only listed names are allowed: `movements.find_profile` reads others as file paths.
+            if movement.value not in names:
+                raise ProfileError(f'no movement {movement.value!r}, expected one that is listed')
+            profile = movements.find_profile(movement.value, self._arm)
             movements.check_profile(profile, self._arm, self.highest)
             self._problem.content = ''
             self._commander.play(profile, time.monotonic(), speed=speed.value, loop=loop.value)
 
         def describe(event: object) -> None:
-            text.content = numbers.note(names[chosen.value])
+            description.content = numbers.note(names[movement.value])
 
         def change_speed() -> None:
             self._commander.change_speed(speed.value, time.monotonic())
 
-        chosen.on_update(describe)
+        movement.on_update(describe)
         self._play.on_click(_in_order(lambda event: self._later(play)))
         self._stop.on_click(_in_order(lambda event: self._later(self._commander.stop)))
         speed.on_update(_in_order(lambda event: self._later(change_speed)))
@@ -191,14 +191,14 @@ class Controls:
                 text = as_shell_line(self._arm, tensions, self._topic)
             if event.client is None:
                 return
-            gui = event.client.gui  # a window of this browser alone
+            gui = event.client.gui  # only this browser gets the window
             with (modal := gui.add_modal('Commanded tensions [N]')):
                 gui.add_html(_COPY.format(text=html.escape(text)))
                 gui.add_button('Close').on_click(lambda event: modal.close())
 
 
 def _in_order(act: Callable[[Any], None]) -> Callable[[Any], Coroutine[Any, Any, None]]:
-    """``act``, called with an event, as a coroutine: see `Controls`."""
+    """Return ``act`` as a coroutine, which viser calls in the order of the events."""
 
     async def call(event: Any) -> None:
         act(event)
@@ -210,14 +210,14 @@ NONE = 'none'
 
 
 class ModelOverlay:
-    """The second arm, shown while a model is chosen.
+    """A second arm beside the first, solved by another model while one is chosen.
 
     Attributes:
-        backbone: its backbone; None for none.
+        backbone: backbone of the second arm, or None.
     """
 
     def __init__(self, server: viser.ViserServer, config: Config, later: Later) -> None:
-        """Add the choice among the models that the node does not use."""
+        """Add a list of the models that the node does not use."""
         self._server, self._config = server, config
         self.backbone: Backbone | None = None
         self._solver: Solver | None = None
@@ -229,12 +229,12 @@ class ModelOverlay:
                 'for the same tensions, and stands beside it.'
             )
         )
-        chosen = server.gui.add_dropdown('Compare with', (NONE, *others))
+        menu = server.gui.add_dropdown('Compare with', (NONE, *others))
         self._text = server.gui.add_html('')
-        chosen.on_update(lambda event: later(lambda: self.choose(chosen.value)))
+        menu.on_update(lambda event: later(lambda: self.choose(menu.value)))
 
     def choose(self, model: str) -> None:
-        """Compare with ``model``, or with none."""
+        """Compare with ``model``, or end the comparison if it is `NONE`."""
         if self._arm is not None:
             self._arm.root.remove()
         self._arm = self._solver = self.backbone = None
@@ -244,17 +244,17 @@ class ModelOverlay:
         try:
             self._solver = self._config.solver(model)
         except OctoArmError as error:
-            self._text.content = numbers.failed(error)
+            self._text.content = numbers.error_text(error)
             return
-        scene, offset = self._server.scene, beside(self._config)
+        scene, offset = self._server.scene, comparison_offset(self._config)
         self._arm = ArmScene(scene, 'other', self._solver, colour=OTHER_COLOUR, offset=offset)
-        above = np.array(self._config.base.position) + [0.0, 0.0, 0.06 * self._config.arm.length]
-        scene.add_label('/other/name', model, position=above)
+        place = np.array(self._config.base.position) + [0.0, 0.0, 0.06 * self._config.arm.length]
+        scene.add_label('/other/name', model, position=place)
 
     def show(self, tensions: FloatArray, pull: FloatArray, tip: FloatArray) -> None:
-        """Solve and draw for ``tensions`` (tendons,) [N].
+        """Solve the second arm for ``tensions`` (tendons,) [N], and draw it.
 
-        ``pull`` (tendons,) is the tension over its limit, ``tip`` (3,) [m] the tip of the node.
+        ``pull`` (tendons,) is each tension divided by its limit, ``tip`` (3,) [m] the node's tip.
         """
         if self._solver is None or self._arm is None:
             return
@@ -263,36 +263,36 @@ class ModelOverlay:
             self.backbone = self._solver.follow(shaped, self.backbone)
         except OctoArmError as error:
             self.backbone = None
-            self._text.content = numbers.failed(error)
+            self._text.content = numbers.error_text(error)
         self._arm.root.visible = self.backbone is not None
         if self.backbone is not None:
             shape = self.backbone
             self._arm.show(shape.position, shape.quaternion, shape.q, pull)
-            self._text.content = numbers.compared(tip, self.backbone)
+            self._text.content = numbers.comparison(tip, self.backbone)
 
 
-_PULLED = 0.3  # of the length: how far the tip moves under a pull that is as far away
-_COLOUR = (79, 124, 172)  # of the water
+_PULLED = 0.3  # deflection of the tip by a pull that is as far away, over the length of the arm
+_COLOUR = (79, 124, 172)  # colour of the current of the water
 _BARB = np.array([[0.0, 0.0, 0.0], [-0.25, 0.08, 0.0], [-0.25, -0.08, 0.0]])
 
 
 class MotionControls:
-    """The controls, and the point in the scene that pulls the tip while it is dragged."""
+    """The controls of a simulated arm, with a point in the scene that pulls the tip if dragged."""
 
     def __init__(
         self, server: viser.ViserServer, config: Config, simulator: SimulatorClient, later: Later
     ) -> None:
-        """Add them to the page of ``server``, within the current container."""
+        """Add the controls to the current container of the page of ``server``."""
         gui, length = server.gui, config.arm.length
         self._simulator, self._is_dragged = simulator, False
-        # As a spring between tip and point [N/m].
+        # The pull acts as a spring between tip and point, of this stiffness [N/m].
         self._stiffness = bending_force(config.arm, _PULLED) / (_PULLED * length)
         gui.add_html(
             numbers.note('For a simulated arm that moves: drag the point at its tip to pull it.')
         )
         shown = gui.add_checkbox('Pull the tip', initial_value=False)
         self._paused = paused = gui.add_checkbox('Pause', initial_value=False)
-        self._is_told = False
+        self._shown_pause = False
         self._handle = server.scene.add_transform_controls(
             '/pull', scale=0.18 * length, disable_rotations=True, depth_test=False, visible=False
         )
@@ -303,32 +303,32 @@ class MotionControls:
 
         shown.on_update(lambda event: later(show))
         self._step = step = gui.add_button('Step', disabled=True)
-        reset = gui.add_button('Begin anew')
+        reset = gui.add_button('Reset')
 
         def pause() -> None:
             simulator.pause(paused.value)
-            step.disabled = not paused.value  # one that moves refuses steps
+            step.disabled = not paused.value  # a simulator that is not paused refuses steps
 
-        paused.on_update(lambda event: later(pause) if event.client else None)  # not of `tell`
+        paused.on_update(lambda event: later(pause) if event.client else None)  # of a browser
         step.on_click(lambda event: later(lambda: simulator.trigger('step')))
         reset.on_click(lambda event: later(lambda: simulator.trigger('reset')))
         self._handle.on_update(lambda event: later(lambda: self._drag(event.phase != 'end')))
-        # Of a browser that is closed no end comes.
+        # A browser that is closed does not send the end of a drag.
         server.on_client_disconnect(lambda client: later(lambda: self._drag(False)))
         if any(config.motion.current):
             _show_current(server.scene, config)
 
     def follow(self, tip: FloatArray) -> None:
-        """Pull the ``tip`` (3,) [m] towards the point, or bring that to the tip."""
+        """Pull the ``tip`` (3,) [m] towards a dragged point, or move the point to the tip."""
         if self._is_dragged:
             self._simulator.pull(self._stiffness * (np.array(self._handle.position) - tip))
         else:
             self._handle.position = tip
 
-    def tell(self, is_paused: bool | None) -> None:
-        """Show whether the simulator stands still where that changes, as others stop it too."""
-        if is_paused is not None and is_paused is not self._is_told:
-            self._is_told = is_paused
+    def show_pause(self, is_paused: bool | None) -> None:
+        """Show a change of the pause of the simulator, which others may pause too."""
+        if is_paused is not None and is_paused is not self._shown_pause:
+            self._shown_pause = is_paused
             self._paused.value = is_paused  # type: ignore[misc]
             self._step.disabled = not is_paused
 
@@ -339,14 +339,14 @@ class MotionControls:
 
 
 def _show_current(scene: viser.SceneApi, config: Config) -> None:
-    """An arrow beside the base, along the current of the water."""
+    """Draw an arrow beside the base along the current of the water."""
     velocity = np.array(config.motion.current)
     speed, length = float(np.linalg.norm(velocity)), 0.3 * config.arm.length
-    along = velocity / speed
-    across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
-    axes = np.array([along, across / np.linalg.norm(across), np.cross(along, across)])
+    axis = velocity / speed
+    normal = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    axes = np.array([axis, normal / np.linalg.norm(normal), np.cross(axis, normal)])
     start = np.array(config.base.position) + 0.5 * length * axes[1]
-    tip, left, right = start + length * (along + _BARB @ axes)
+    tip, left, right = start + length * (axis + _BARB @ axes)
     points = np.array([[start, tip], [tip, left], [tip, right]])
     colours = np.broadcast_to(_COLOUR, points.shape).astype(np.uint8)
     scene.add_line_segments('/current', points, colours, thickness=4.0)

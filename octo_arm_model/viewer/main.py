@@ -12,21 +12,21 @@ _EPILOG = """\
 examples:
   octo_arm_viewer                      # the arm of the node in the root namespace
   octo_arm_viewer --namespace arm_3    # one arm of several
-  octo_arm_viewer --host 0.0.0.0       # seen from other machines too; whoever sees it can pull
+  octo_arm_viewer --host 0.0.0.0       # other machines can open the page too, and pull tendons
   octo_arm_viewer --host 0.0.0.0 --allow-origin http://arm.lab:8080   # and under this name
 
-It shows what the node publishes, and commands nothing until a slider or button is used.
+The page shows what the node publishes. It commands nothing until a slider or button is used.
 """
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve the page until a signal comes; returns the exit status."""
-    own, of_ros = split_arguments(arguments)
+    """Serve the page until a signal comes; return the exit status."""
+    viewer_arguments, ros_arguments = split_arguments(arguments)
     parser = make_parser(_PROG, 'Show an arm in the browser and pull its tendons.', _EPILOG)
     parser.add_argument('--namespace', default='', help='namespace of the arm')
     add_address(parser)
-    options = parser.parse_args(own)
-    # Needs ROS and viser, --help neither.
+    options = parser.parse_args(viewer_arguments)
+    # These imports need ROS and viser, which --help does not.
     from octo_arm_model.ros.client.client import ArmClient
     from octo_arm_model.ros.start import client_node
     from octo_arm_model.viewer.page import Viewer
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def show() -> int:
         with (
-            client_node(_PROG, of_ros) as node,
+            client_node(_PROG, ros_arguments) as node,
             serving(options.host, options.port, options.allow_origin, title=title) as server,
         ):
             viewer = Viewer(server, ArmClient(node, options.namespace), title=title)

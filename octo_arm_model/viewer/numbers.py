@@ -1,4 +1,4 @@
-"""The texts of the page as HTML: numbers in millimetres and degrees, problems and notes."""
+"""The texts of the page in HTML: numbers in millimetres and degrees, problems and notes."""
 
 import html
 
@@ -13,7 +13,7 @@ from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.ros.client.client import ArmClient, PublishedShape
 from octo_arm_model.wire.estimate import BackboneCovariance
 
-STALE = 1.0  # [s] without a shape after which the arm is hidden
+STALE = 1.0  # [s] without a new shape after which the arm is hidden
 _STYLE = (
     '<div class="octo-arm" style="padding:0 1em 0.4em;font-size:0.85em;line-height:1.5;'
     'font-variant-numeric:tabular-nums">{}</div>'
@@ -23,14 +23,14 @@ _PROBLEM = 'color:#b4410e;min-height:1.5em'
 
 
 def waiting(topic: str) -> str:
-    """Text until the description of an arm arrives."""
+    """Return the text that is shown until the description of an arm arrives."""
     safe = html.escape(topic)
     text = f'Waiting for an <code>octo_arm_node</code>, commanded on <code>{safe}</code> …'
     return _STYLE.format(f'<span class="octo-arm-state">{text}</span>')
 
 
 def live(client: ArmClient) -> str:
-    """Tip, rate and latency of the newest shape, and the node's problems."""
+    """Return tip, rate and latency of the newest shape, and the problems of the node."""
     shape = client.shape
     if shape is None:
         text = 'no shape yet'
@@ -50,7 +50,7 @@ def live(client: ArmClient) -> str:
         ('Latency', _milliseconds(client.latency)),
     ]
     if client.force is not None and client.covariance is not None:
-        rows.append(('Force', pushed(client.force, client.covariance)))
+        rows.append(('Force', contact_force(client.force, client.covariance)))
     table = ''.join(
         f'<tr><td style="padding-right:1em;opacity:0.6">{name}</td><td>{value}</td></tr>'
         for name, value in rows
@@ -61,16 +61,16 @@ def live(client: ArmClient) -> str:
     return _STYLE.format(f'<table>{table}</table>{_warning(problem)}')
 
 
-def pushed(force: FloatArray, known: BackboneCovariance) -> str:
-    """An estimated ``force`` (3,) [N], its standard deviations and where it acts, in HTML."""
-    stddev = 1e3 * np.sqrt(known.contact.diagonal()[:3])
-    place = 'all along' if np.isnan(known.contact_s) else f'at s = {1e3 * known.contact_s:.0f} mm'
-    parts = [f'{1e3 * one:.1f} &plusmn; {off:.1f}' for one, off in zip(force, stddev, strict=True)]
+def contact_force(force: FloatArray, covariance: BackboneCovariance) -> str:
+    """Return an estimated ``force`` (3,) [N], its standard deviations and its place."""
+    s, stddev = 1e3 * covariance.contact_s, 1e3 * np.sqrt(covariance.contact.diagonal()[:3])
+    place = 'all along' if np.isnan(s) else f'at s = {s:.0f} mm'
+    parts = [f'{1e3 * f:.1f} &plusmn; {sd:.1f}' for f, sd in zip(force, stddev, strict=True)]
     return f'<span class="octo-arm-force">{", ".join(parts)}</span> mN {place}'
 
 
 def overlapping(overlap: Overlap | None) -> str:
-    """Warning that the arm passes through itself; empty if it does not."""
+    """Return a warning that the arm passes through itself; '' if it does not."""
     if overlap is None:
         return ''
     first, second = (1e3 * s for s in overlap.s)
@@ -82,29 +82,29 @@ def overlapping(overlap: Overlap | None) -> str:
 
 
 def tip_angle(shape: PublishedShape | Backbone) -> float:
-    """Angle between the tangents of base and tip [deg]."""
+    """Return the angle between the tangents at base and tip [deg]."""
     tangent = axes_of(shape.quaternion[[0, -1]])[:, 0]
     cosine = float(np.clip(tangent[:, 0] @ tangent[:, 1], -1.0, 1.0))
     return float(np.rad2deg(np.arccos(cosine)))
 
 
-def compared(tip: FloatArray, other: Backbone) -> str:
-    """How far the tip of ``other`` is from ``tip`` (3,) [m]."""
+def comparison(tip: FloatArray, other: Backbone) -> str:
+    """Return a sentence about the distance of the tip of ``other`` from ``tip`` (3,) [m]."""
     distance = 1e3 * np.linalg.norm(other.tip - tip)
-    part = 100.0 * 1e-3 * distance / other.s[-1]
+    percentage = 100.0 * 1e-3 * distance / other.s[-1]
     return _STYLE.format(
         f'The tip of <b>{other.model}</b> is <span class="octo-arm-apart">{distance:.2f}</span> mm'
-        f' from that of the node, {part:.1f} % of the length.'
+        f' from that of the node, {percentage:.1f} % of the length.'
     )
 
 
 def searching() -> str:
-    """Text while tensions for a target are searched."""
+    """Return the text that is shown while tensions for a target are searched."""
     return _STYLE.format('<span class="octo-arm-search">searching …</span>')
 
 
-def found(answer: Inverse) -> str:
-    """Result of the search for a target."""
+def search_result(answer: Inverse) -> str:
+    """Return the result of the search for a target."""
     if answer.reached:
         text = f'reached: the tip is within {_length(answer.error)} of the target'
     else:
@@ -115,18 +115,18 @@ def found(answer: Inverse) -> str:
     return _STYLE.format(f'<span class="octo-arm-search">{text}</span>')
 
 
-def failed(problem: object) -> str:
-    """An error of a command, a comparison, a search or the description of an arm."""
+def error_text(problem: object) -> str:
+    """Return an error of a command, a comparison, a search or the description of an arm."""
     return _STYLE.format(_warning(str(problem)))
 
 
 def note(text: str) -> str:
-    """Explanatory text, in HTML."""
+    """Return the explanation ``text``, which may have HTML tags."""
     return _STYLE.format(f'<span style="opacity:0.7">{text}</span>')
 
 
 def _milliseconds(latency: float) -> str:
-    # Stamps of a bag or of simulated time.
+    # Stamps of a bag or of simulated time cannot be compared with the clock of this machine.
     if not -0.01 < latency < 10.0:
         return 'stamps are of another clock'
     return f'{1e3 * latency:.1f} ms from tension to shape'
@@ -137,5 +137,5 @@ def _length(error: float) -> str:
 
 
 def _warning(text: str) -> str:
-    # Of constant height, so that the page does not move.
+    # The height is constant, so that the page does not move.
     return f'<div class="octo-arm-problem" style="{_PROBLEM}">{html.escape(text)}</div>'

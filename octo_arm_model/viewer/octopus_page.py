@@ -1,4 +1,4 @@
-"""The page of `octo_arm_octopus`: eight arms, their rates and latency."""
+"""The page of `octo_arm_octopus`: eight arms, their rates and latencies."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -11,9 +11,9 @@ from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.viewer import numbers, scene
 from octo_arm_model.viewer.scene import Cameras, View
 
-_READING = 0.5  # [s] between numbers
-_FROM = (1.8, -1.5, 1.63)  # position of the camera in lengths of an arm, in a wide picture
-_WIDE = 1.5  # width over height of a picture that all arms fit into from there
+_READING = 0.5  # [s] between updates of the numbers
+_FROM = (1.8, -1.5, 1.63)  # position of the camera in lengths of an arm, for a wide picture
+_WIDE = 1.5  # width over height of the narrowest picture that shows all arms from there
 
 
 class OctopusPage:
@@ -26,7 +26,7 @@ class OctopusPage:
         describe: Callable[[], str],
         title: str,
     ) -> None:
-        """Show on ``server`` the arms of ``clients``, and the text that ``describe`` returns.
+        """Show the arms of ``clients`` and the text that ``describe`` returns on ``server``.
 
         ``title`` is the heading of the panel.
         """

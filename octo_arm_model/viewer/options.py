@@ -1,4 +1,4 @@
-"""What programs share that serve a page: their options, and its title. Needs no viser."""
+"""Options and page title of the programs that serve a page; this module needs no viser."""
 
 import argparse
 
@@ -8,17 +8,17 @@ TITLE = 'octo_arm'
 
 
 def page_title(name: str) -> str:
-    """Title of the page of the arm ``name``; that of any arm if it is empty."""
+    """Return the title of the page of the arm ``name``, which may be empty."""
     return f'{TITLE}: {name}' if name else TITLE
 
 
 def add_address(parser: argparse.ArgumentParser) -> None:
-    """Add host, port and origins."""
+    """Add the options for host, port and allowed origins to a ``parser``."""
     parser.add_argument(
         '--host',
         default=LOOPBACK,
-        help='address to serve on; by default this machine alone. Whoever can reach another one '
-        'can pull',
+        help='address to serve on; by default only this machine can open the page. Whoever can '
+        'open it can pull tendons',
     )
     parser.add_argument(
         '--port',
@@ -31,7 +31,7 @@ def add_address(parser: argparse.ArgumentParser) -> None:
         metavar='ORIGIN',
         action='append',
         default=[],
-        help='name that the page is reached by, such as http://arm.lab:8080, or another page that '
-        'may command; may be given more than once. By default pages of localhost and of addresses '
-        'served on',
+        help='another name of this page, such as http://arm.lab:8080, or another page that may '
+        'command; may be given more than once. By default the page may be opened as localhost and '
+        'by the addresses that it is served on',
     )

@@ -1,4 +1,4 @@
-"""The page of one arm, and the loop that draws published shapes and publishes its commands."""
+"""The page of one arm, and the loop that draws published shapes and publishes commands."""
 
 import queue
 import time
@@ -28,7 +28,7 @@ from octo_arm_model.viewer import numbers, scene
 from octo_arm_model.viewer.commander import Answer, Commander, TargetSearch
 from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay, MotionControls
 from octo_arm_model.viewer.options import TITLE
-from octo_arm_model.viewer.scene import Cameras, framing, reached, tangent_of
+from octo_arm_model.viewer.scene import Cameras, framing, reachable_points, tangent_of
 from octo_arm_model.viewer.server import RefusalLog
 
 _PLOTS = (
@@ -38,15 +38,15 @@ _PLOTS = (
     ('longitudinal strain q [%]', 'q', 100.0),
 )
 _NODE, _OTHER = '#c8553d', '#4f7cac'
-# Smallest range of an axis, in which rounding errors are a flat curve.
+# Smallest range of an axis, so that rounding errors look flat.
 _LEAST = 1.0
 
 
 class StrainPlots:
-    """Four plots over s, of the node and of another model if one is chosen."""
+    """Four plots of strains over s, for the node and for another model if one is chosen."""
 
     def __init__(self, gui: viser.GuiApi, s: FloatArray) -> None:
-        """Add them to ``gui``, for the stations ``s`` [m]."""
+        """Add the plots to ``gui``, for the stations ``s`` [m]."""
         self._s = 1e3 * s
         end = {'pad': 0.1, 'mode': 1}
         self._plots = [
@@ -66,7 +66,7 @@ class StrainPlots:
                 axes=(
                     uplot.Axis(size=30),
                     uplot.Axis(size=44),
-                    # Space for the upper half of the topmost number.
+                    # This axis leaves space for the upper half of the topmost number.
                     uplot.Axis(
                         side=0,
                         size=8,
@@ -78,7 +78,7 @@ class StrainPlots:
                 title=label,
                 legend=uplot.Legend(show=False),
                 height=112,
-                # Until there is a shape: zeros are the strains of a straight arm.
+                # Hidden until there is a shape, because zeros are the strains of a straight arm.
                 visible=False,
             )
             for label, _, _ in _PLOTS
@@ -87,16 +87,16 @@ class StrainPlots:
     def show(self, node: PublishedStrains, other: Backbone | None) -> None:
         """Plot the strains of the node, and those of another model if given."""
         for plot, (_, name, scale) in zip(self._plots, _PLOTS, strict=True):
-            # Without another model its curve coincides with that of the node, which hides it.
-            below = other or node
-            plot.data = (self._s, scale * getattr(below, name), scale * getattr(node, name))
+            # Without another model the node's own curve hides the second curve.
+            second = other or node
+            plot.data = (self._s, scale * getattr(second, name), scale * getattr(node, name))
             if not plot.visible:
                 plot.visible = True
 
 
 _READING = 0.2  # [s] between updates of the numbers
 _PLOTTING = 0.1  # [s] between updates of the plots
-_APPROACH = 0.3  # [s] of the transition to tensions that were found
+_APPROACH = 0.3  # [s] of the transition to the tensions that a search has found
 
 
 class Page:
@@ -114,16 +114,16 @@ class Page:
         config: Config,
         later: Later,
     ) -> None:
-        """Build it for the arm that ``config`` describes."""
+        """Build the page for the arm that ``config`` describes."""
         self._server, self._client = server, client
         self._queue, self._is_closed = later, False
         self._solver = config.solver()
         self.commander = Commander(np.zeros(len(config.arm.tendons)))
-        self._is_ours = False
+        self._has_commanded = False
         self._read = self._plotted = -np.inf
         self._config = config
         length = config.arm.length
-        points = reached(config, tendon_limits(config))
+        points = reachable_points(config, tendon_limits(config))
         scene.set_scene(server, scene.middle_of(config), length, 0.55 * length)
         cameras.aim(partial(framing, points, tangent_of(config)), 0.01 * length)
         scene.set_surroundings(server.scene, config)
@@ -133,9 +133,9 @@ class Page:
         gui = server.gui
         self._text = gui.add_html(numbers.live(client))
         self._overlap = gui.add_html('')
-        whole = gui.add_button('Show the whole arm', color='gray', icon=viser.Icon.FOCUS_CENTERED)
+        refit = gui.add_button('Show the whole arm', color='gray', icon=viser.Icon.FOCUS_CENTERED)
 
-        @whole.on_click
+        @refit.on_click
         def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             if event.client is not None:
                 cameras.show(event.client)
@@ -159,7 +159,7 @@ class Page:
         panel.dock_left()
 
     def close(self) -> None:
-        """End the thread of the search; queued actions are dropped."""
+        """End the search and drop queued actions."""
         self._is_closed = True
         self._search.close()
         self._controls.close()
@@ -171,17 +171,17 @@ class Page:
         """Publish the commanded tensions if they have changed."""
         tensions = self.commander.advance(time.monotonic())
         if tensions is not None:
-            self._is_ours = True
+            self._has_commanded = True
             self._client.command(tensions)
 
     def refuse(self, problem: object) -> None:
-        """Hold the tensions and show ``problem``."""
+        """Hold the tensions and show the ``problem``."""
         self.commander.stop()
-        self._controls.complain(problem)
+        self._controls.show_problem(problem)
 
     @property
     def is_stale(self) -> bool:
-        """Whether the numbers are to be updated without a new shape."""
+        """Whether the numbers need an update even without a new shape."""
         return time.monotonic() - self._read > 1.0
 
     def draw(self) -> None:
@@ -199,7 +199,7 @@ class Page:
             if now - self._read > _READING:
                 self._read = now
                 self._text.content = numbers.live(client)
-                self._motion.tell(client.is_paused)
+                self._motion.show_pause(client.is_paused)
                 self._controls.follow()
 
     def _draw_arm(self, shape: PublishedShape, strains: PublishedStrains, now: float) -> None:
@@ -210,18 +210,19 @@ class Page:
         self._arm.show(shape.position, shape.quaternion, strains.q, pull)
         self._comparison.show(tensions, pull, shape.position[-1])
         self._motion.follow(shape.position[-1])
-        if (known := self._client.covariance) is not None:
-            self._uncertainty.show(shape.position, shape.quaternion, known, self._client.force)
-        if not self._is_ours and not self.commander.is_moving:
-            # Another node commands: commands start from its tensions.
+        if (covariance := self._client.covariance) is not None:
+            force = self._client.force
+            self._uncertainty.show(shape.position, shape.quaternion, covariance, force)
+        if not self._has_commanded and not self.commander.is_moving:
+            # Another node commands the arm, and commands of this page start from its tensions.
             self.commander.tensions = tensions.copy()
         if now - self._plotted > _PLOTTING:
             self._plotted = now
             self._plots.show(strains, self._comparison.backbone)
             radius = self._config.arm.body.radius(self._solver.grid.s)
             radius = radius * widening(self._solver.law.number, 1.0 + strains.q)[0]
-            found = deepest_overlap(strains.s, shape.position, radius)
-            self._overlap.content = numbers.overlapping(found)
+            overlap = deepest_overlap(strains.s, shape.position, radius)
+            self._overlap.content = numbers.overlapping(overlap)
 
     def _add_ghost(self) -> None:
         rest = np.zeros(self._solver.arm.tension_shape)
@@ -241,12 +242,12 @@ class Page:
 
     def _add_target(self, config: Config) -> None:
         gui = self._server.gui
-        shown = gui.add_checkbox('Show target', initial_value=False)
-        self._found = gui.add_html(
+        checkbox = gui.add_checkbox('Show target', initial_value=False)
+        self._search_text = gui.add_html(
             numbers.note('Drag it: tensions that bring the tip there are searched in this viewer.')
         )
         self._search = TargetSearch(
-            config.solver(),  # its own, for its thread
+            config.solver(),  # the thread of the search needs its own solver
             self._controls.highest,
             lambda answer: self._later(partial(self._take, answer)),
         )
@@ -261,27 +262,27 @@ class Page:
         def show() -> None:
             if self._client.shape is not None:
                 target.position = self._client.shape.position[-1]
-            target.visible = shown.value
+            target.visible = checkbox.value
 
-        def look() -> None:
-            self._found.content = numbers.searching()
+        def search() -> None:
+            self._search_text.content = numbers.searching()
             self._search.request(target.position, self.commander.tensions)
 
-        shown.on_update(lambda event: self._later(show))
+        checkbox.on_update(lambda event: self._later(show))
 
         @target.on_update
         def _(event: viser.TransformControlsEvent) -> None:
-            self._later(look)
+            self._later(search)
 
     def _take(self, answer: Answer) -> None:
         if isinstance(answer, Inverse):
-            self._found.content = numbers.found(answer)
+            self._search_text.content = numbers.search_result(answer)
             self.commander.move(answer.backbone.tensions, time.monotonic(), _APPROACH)
         else:
-            self._found.content = numbers.failed(answer)
+            self._search_text.content = numbers.error_text(answer)
 
 
-FRAME = 1.0 / 30.0  # [s] between pictures
+FRAME = 1.0 / 30.0  # [s] between pictures while a browser is connected
 _IDLE = 0.2  # [s] between polls of the node while no browser is connected
 
 
@@ -289,7 +290,7 @@ class Viewer:
     """Shows one arm and commands it, in the thread that calls `step`.
 
     Attributes:
-        pictures: number of pictures drawn.
+        pictures: number of pictures drawn so far.
     """
 
     def __init__(
@@ -300,14 +301,14 @@ class Viewer:
         always: bool = False,
         title: str = TITLE,
     ) -> None:
-        """Show on ``server`` what ``client`` receives, under ``title``.
+        """Show on ``server`` what ``client`` receives, with ``title`` above.
 
         It subscribes to shapes while a browser is connected, or ``always``.
         """
         self._always, self._title = always, title
         self._cameras = Cameras(server)
         self._server, self._client = server, client
-        self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._actions: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._page: Page | None = None
         self._config: Config | None = None
         self._due = time.monotonic()
@@ -315,16 +316,16 @@ class Viewer:
         self._refusals = RefusalLog()
         self._clear()
         server.gui.add_html(numbers.waiting(client.command_topic))
-        # Draw at once for a new browser.
+        # A new browser gets a picture at once.
         server.on_client_connect(
-            lambda client: self._todo.put(lambda: self._page.draw() if self._page else None)
+            lambda client: self._actions.put(lambda: self._page.draw() if self._page else None)
         )
 
     def step(self) -> None:
-        """Handle requests of the page until the next picture is due; then draw it."""
+        """Handle actions of the page until the next picture is due; then draw it."""
         while (wait := self._due - time.monotonic()) > 0.0:
             try:
-                action = self._todo.get(timeout=wait)
+                action = self._actions.get(timeout=wait)
             except queue.Empty:
                 break
             self._do(action)
@@ -357,7 +358,7 @@ class Viewer:
         return bool(self._server.get_clients())
 
     def _listen(self) -> bool:
-        """Poll the client, build a page for a new arm; returns whether there is a new shape."""
+        """Poll the client, build a page for a new arm; return whether there is a new shape."""
         self._client.listen({**POSES, **DETAILS} if self._always or self._is_watched else {})
         try:
             has_shape = self._client.poll()
@@ -366,11 +367,11 @@ class Viewer:
                 self._clear()
                 self._config = config
                 self._page = Page(
-                    self._server, self._cameras, self._client, config, self._todo.put
+                    self._server, self._cameras, self._client, config, self._actions.put
                 )
         except OctoArmError as error:
             self._clear()
-            self._server.gui.add_html(numbers.failed(error))
+            self._server.gui.add_html(numbers.error_text(error))
             return False
         return has_shape
 

@@ -1,8 +1,8 @@
-"""Serve a page on a host and the first free port, its connections checked.
+"""A server of a page on a host and the first free port, which checks its connections.
 
 viser has no checks, and no call for the title and the layout of its document. It opens its server
-with `websockets.asyncio.server.serve`, which is replaced by a function that adds the checks while
-a server starts. A viser that does not call it is refused.
+with `websockets.asyncio.server.serve`. While a server starts, this module replaces that function
+by one that adds the checks. A version of viser that does not call the function is refused.
 """
 
 import asyncio
@@ -31,8 +31,8 @@ from octo_arm_model.viewer.options import LOOPBACK, TITLE
 
 _TITLE = b'<title>Viser</title>'
 _HEAD_END = b'</head>'
-# On a narrow screen viser lays its panel over the scene. The scene gets what the panel leaves
-# free, half of the height or more; the panel its whole width. The limit is that of viser.
+# On a narrow screen viser lays its panel over the scene. This layout gives the panel the whole
+# width and at most half of the height, and the scene the rest. The limit is that of viser.
 _LAYOUT = """
 @media (max-width: 36em) {
   div:has(> div canvas):has(> .mantine-Paper-root) { flex-direction: column; }
@@ -50,7 +50,7 @@ _LAYOUT = """
 
 @functools.lru_cache(2)  # plain and compressed
 def _document(source: bytes, is_compressed: bool, title: str) -> bytes:
-    """The document of viser with our layout and a ``title`` on the browser's tab."""
+    """Return the document of viser with the layout above and a ``title`` on the tab."""
     text = gzip.decompress(source) if is_compressed else source
     text = text.replace(_TITLE, f'<title>{html.escape(title)}</title>'.encode(), 1)
     text = text.replace(_HEAD_END, f'<style>{_LAYOUT}</style>'.encode() + _HEAD_END, 1)
@@ -59,8 +59,8 @@ def _document(source: bytes, is_compressed: bool, title: str) -> bytes:
 
 MOST_PAGES = 32
 _MOST_CONNECTIONS = 128  # including those without a request yet
-_MOST_BYTES = 1 << 16  # of a message; those of a page have a few hundred
-_MOST_A_SECOND = 500  # messages read from one page; further ones wait
+_MOST_BYTES = 1 << 16  # bytes of a message; messages of a page have a few hundred
+_MOST_A_SECOND = 500  # messages read from one page per second; further ones wait
 _PERIOD = 1.0  # [s] between log lines
 _LOG = logging.getLogger('octo_arm_model.viewer')
 # Close codes for faults of the peer: protocol, invalid text, size.
@@ -70,14 +70,14 @@ Process = Callable[[ServerConnection, Request], Response | None]
 
 
 class GuardError(OctoArmError, RuntimeError):
-    """The checks cannot be added to the installed viser, so it is not served."""
+    """Raised if the checks cannot be added to the installed viser."""
 
 
 class RefusalLog:
     """Logs refusals, at most one line a second."""
 
     def __init__(self) -> None:
-        """Log the first one at once."""
+        """Create the log; the first refusal is logged at once."""
         self._logged, self._left_out = -_PERIOD, 0
 
     def add(self, what: str) -> None:
@@ -96,12 +96,12 @@ class Guard:
 
     Attributes:
         requests: the checks of messages; its `watch` must be called with the server.
-        refusals: the log of what is refused.
-        connections: those that are open.
+        refusals: the log of refusals.
+        connections: the open connections.
     """
 
     def __init__(self, access: Access, title: str) -> None:
-        """Accept the hosts and origins that ``access`` allows; the page has a ``title``."""
+        """Accept hosts and origins that ``access`` allows; ``title`` is that of the page."""
         self._access, self._title = access, title
         self.requests, self.refusals = Requests(), RefusalLog()
         self.connections: set[object] = set()
@@ -111,30 +111,30 @@ class Guard:
         """Add the checks to the server that viser opens within the context.
 
         Raises:
-            GuardError: if viser opened none through websockets.
+            GuardError: if viser has not opened a server through websockets.
         """
-        opened, is_asked = websockets_server.serve, False
-        # Logs the errors of websockets as refusals, without stack traces.
+        original, is_called = websockets_server.serve, False
+        # This logger turns the errors of websockets into refusals, without stack traces.
         logger = logging.Logger('octo_arm_model.viewer.websockets', logging.ERROR)
         logger.addFilter(self._log)
 
         def serve(handler: Any, host: str, port: int, **options: Any) -> Any:
-            nonlocal is_asked
-            is_asked = True
+            nonlocal is_called
+            is_called = True
             options |= {
                 'process_request': functools.partial(self._process, options['process_request']),
                 'create_connection': functools.partial(_Connection, self),
                 'max_size': _MOST_BYTES,
                 'logger': logger,
             }
-            return opened(handler, host, port, **options)
+            return original(handler, host, port, **options)
 
         websockets_server.serve = serve  # type: ignore[assignment,misc]
         try:
             yield
         finally:
-            websockets_server.serve = opened  # type: ignore[misc]
-        if not is_asked:
+            websockets_server.serve = original  # type: ignore[misc]
+        if not is_called:
             raise GuardError(f'viser {viser.__version__} cannot be guarded, expected 1.1 or newer')
 
     def _log(self, record: logging.LogRecord) -> bool:
@@ -144,9 +144,9 @@ class Guard:
         return False
 
     def _process(
-        self, given: Process, connection: ServerConnection, request: Request
+        self, process: Process, connection: ServerConnection, request: Request
     ) -> Response | None:
-        """Answer to a request, or None to go on as a WebSocket."""
+        """Return the response to a request, or None to accept a WebSocket."""
         hosts, origins = map(request.headers.get_all, ('Host', 'Origin'))
         status, objection = http.HTTPStatus.FORBIDDEN, self._access.objection(hosts, origins)
         upgrades = [value.lower() for value in request.headers.get_all('Upgrade')]
@@ -166,7 +166,7 @@ class Guard:
         if is_socket:
             return None
         try:
-            response = given(connection, request)
+            response = process(connection, request)
         except (OSError, ValueError):  # an invalid file name
             return connection.respond(http.HTTPStatus.NOT_FOUND, 'NOT FOUND')
         if response is not None:
@@ -174,15 +174,15 @@ class Guard:
         return response
 
     def _finish(self, response: Response, host: str) -> None:
-        """Set the title, the layout and the headers of the page served as ``host``."""
+        """Set title, layout and headers of a ``response`` of the page served as ``host``."""
         headers = response.headers
         if headers.get('Content-Type', '').startswith('text/html') and response.body:
             is_compressed = headers.get('Content-Encoding') == 'gzip'
             response.body = _document(bytes(response.body), is_compressed, self._title)
             del headers['Content-Length']
             headers['Content-Length'] = str(len(response.body))
-        # No connections to other servers, also by the address in a link, and no frames of other
-        # pages (clickjacking).
+        # The page may not connect to other servers, not even to an address in a link, and other
+        # pages may not frame it (clickjacking).
         headers['Content-Security-Policy'] = (
             f"connect-src 'self' ws://{host} wss://{host} data: blob:; frame-ancestors 'none'; "
             "object-src 'none'; base-uri 'none'; form-action 'none'"
@@ -199,10 +199,10 @@ _HEADERS = {
 
 
 class _Connection(ServerConnection):
-    """Passes on only allowed messages, at a limited rate."""
+    """A connection that passes on only allowed messages, at a limited rate."""
 
-    def __init__(self, guard: Guard, *given: Any, **options: Any) -> None:
-        super().__init__(*given, **options)
+    def __init__(self, guard: Guard, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
         self._guard, self._second, self._count = guard, 0.0, 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -236,11 +236,11 @@ class _Connection(ServerConnection):
             self._guard.refusals.add(objection)
 
 
-_TRIED = 100
+_MOST_PORTS = 100  # ports tried in order
 
 
 class AddressError(OctoArmError, ValueError):
-    """The host or port is invalid, or no port is free."""
+    """Raised if the host or port is invalid, or no port is free."""
 
 
 @contextlib.contextmanager
@@ -251,18 +251,18 @@ def serving(
 
     ``title`` is that of the browser's tab.
 
-    Only that page may command, and pages of ``origins`` such as http://arm.lab:8080, whose host is
-    then a name of this page as well.
+    Only this page and pages of ``origins``, such as http://arm.lab:8080, may command. The host of
+    an origin is also accepted as a name of this page.
 
     Raises:
-        AddressError: if ``host`` is no address of this machine, ``port`` is no port, or all are in
-            use.
-        ConfigError: if one of ``origins`` is none.
+        AddressError: if ``host`` is not an address of this machine, ``port`` is invalid, or all
+            ports are in use.
+        ConfigError: if one of ``origins`` is not an origin.
         GuardError: if requests to the installed viser cannot be checked.
     """
     guard = Guard(Access(host, origins), title)
     free = free_port(host, port)
-    # Without the banner of viser; one line is printed below.
+    # The banner of viser is suppressed; one line is printed below.
     with guard.installed(), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host, free, verbose=False)
     guard.requests.watch(server)
@@ -276,11 +276,11 @@ def serving(
 
 
 def free_port(host: str, port: int) -> int:
-    """The first free port of ``host`` from ``port`` on.
+    """Return the first free port of ``host`` from ``port`` on.
 
     Raises:
-        AddressError: if ``host`` is no address of this machine, ``port`` is no port, or all are in
-            use.
+        AddressError: if ``host`` is not an address of this machine, ``port`` is invalid, or all
+            ports are in use.
     """
     if not 1 <= port <= 65535:
         raise AddressError(f'port is {port}, expected 1 to 65535')
@@ -288,12 +288,12 @@ def free_port(host: str, port: int) -> int:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except OSError as error:
         raise AddressError(f'host {host!r}: {error.strerror}') from error
-    last = min(port + _TRIED, 65536)
+    last = min(port + _MOST_PORTS, 65536)
     for candidate in range(port, last):
-        with socket.socket(family, socket.SOCK_STREAM) as tried:
-            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with socket.socket(family, socket.SOCK_STREAM) as candidate_socket:
+            candidate_socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                tried.bind((address[0], candidate, *address[2:]))
+                candidate_socket.bind((address[0], candidate, *address[2:]))
             except OSError as error:
                 # Ports below 1024 may be reserved.
                 if error.errno not in (errno.EADDRINUSE, errno.EACCES):
@@ -304,7 +304,7 @@ def free_port(host: str, port: int) -> int:
 
 
 def url(host: str, port: int) -> str:
-    """URL to open in a browser."""
+    """Return the URL to open in a browser."""
     if host in (LOOPBACK, '::1', '0.0.0.0', '::'):
         host = 'localhost'
     return f'http://{host}:{port}'

@@ -105,15 +105,15 @@ def test_of_many_targets_the_newest_is_found():
     answer = answer_to(*([x, 0.1, -0.1] for x in (0.44, 0.3, 0.2)), last)
     assert answer.reached
     assert_allclose(answer.backbone.tip, last, atol=1e-6)
-    assert 'reached: the tip is within' in numbers.found(answer)
+    assert 'reached: the tip is within' in numbers.search_result(answer)
 
 
 def test_what_cannot_be_reached_or_is_nonsense_is_told():
     answer = answer_to([0.5, 0.0, 0.0])
     assert not answer.reached and answer.error == pytest.approx(0.05, rel=1e-3)
-    assert 'out of reach: the nearest found leaves 50.0 mm' in numbers.found(answer)
+    assert 'out of reach: the nearest found leaves 50.0 mm' in numbers.search_result(answer)
     answer = answer_to([np.nan, 0.0, 0.0])
-    assert 'finite' in numbers.failed(answer)
+    assert 'finite' in numbers.error_text(answer)
 
 
 FILE = preset_path('renda2012_prototype')
@@ -196,7 +196,7 @@ def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(serv
 
         def is_paused(value):
             arm.poll()
-            page.controls.tell(arm.is_paused)
+            page.controls.show_pause(arm.is_paused)
             return page.controls._paused.value is value is not page.controls._step.disabled
 
         for value in (True, False):
@@ -209,7 +209,7 @@ def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(serv
         assert not tips
         page.tell('Step')
         client.wait(lambda: len(tips) == 1, 'a step')
-        page.tell('Begin anew')
+        page.tell('Reset')
         page.tell('Pause', False)
         client.wait(lambda: len(tips) > 3, 'the arm')
         assert_allclose(tip(), [LENGTH, 0.0, 0.0], atol=1e-9)

@@ -32,7 +32,7 @@ from octo_arm_model.simulation.movements import (
 from octo_arm_model.viewer import main as viewer
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.controls import ModelOverlay
-from octo_arm_model.viewer.scene import ASPECT, FIELD, framing, reached, tangent_of
+from octo_arm_model.viewer.scene import ASPECT, FIELD, framing, reachable_points, tangent_of
 from octo_arm_model.viewer.server import AddressError, free_port, url
 from octo_arm_model.wire.estimate import BackboneCovariance
 
@@ -51,21 +51,21 @@ def known(place, stddev=1e-3):
 
 def test_numbers_are_those_of_the_shapes():
     exact = CONFIG.solver('exact').solve(FETCHING_IN_SPACE)
-    text = numbers.compared(exact.tip + [0.003, 0.0, 0.004], exact)
+    text = numbers.comparison(exact.tip + [0.003, 0.0, 0.004], exact)
     assert '>5.00<' in text and '1.1 % of the length' in text
     assert numbers.tip_angle(SOLVER.solve(np.zeros((3, 4)))) == 0.0
     backbone = SOLVER.solve(0.1 * np.array(FETCHING_IN_PLANE))
     # In one plane the tangent turns by the integral of the curvature.
     turned = np.rad2deg(trapezoid(backbone.k * (1.0 + backbone.q), backbone.s))
     assert numbers.tip_angle(backbone) == pytest.approx(abs(turned), abs=3.0)
-    text = numbers.pushed(FORCE, known(0.12))
+    text = numbers.contact_force(FORCE, known(0.12))
     assert '-6.0 &plusmn; 1.0' in text and '10.0 &plusmn; 1.0' in text
     assert 'mN at s = 120 mm' in text
-    assert 'all along' in numbers.pushed(FORCE, known(math.nan))
+    assert 'all along' in numbers.contact_force(FORCE, known(math.nan))
 
 
 def test_what_a_node_says_cannot_become_part_of_the_page():
-    assert '<script>' not in numbers.failed(SolveError('<script>alert(1)</script>'))
+    assert '<script>' not in numbers.error_text(SolveError('<script>alert(1)</script>'))
     assert '<b>' not in numbers.waiting('/<b>')
     backbone = SOLVER.solve(np.zeros((3, 4)))
     strains = (getattr(backbone, name) for name in PublishedStrains._fields[1:])
@@ -135,7 +135,7 @@ def seen(view, points, aspect=ASPECT):
 @pytest.mark.parametrize('name', PRESETS)
 def test_all_of_the_arm_is_in_the_middle_of_the_picture_and_fills_it(name, quaternion, aspect):
     config = Config.from_parameters({**load_parameters(name), 'base.quaternion': quaternion})
-    points = reached(config, tendon_limits(config))
+    points = reachable_points(config, tendon_limits(config))
     view = framing(points, tangent_of(config), aspect)
     places = seen(view, points, aspect)
     low, high = places.min(axis=0), places.max(axis=0)
@@ -157,7 +157,7 @@ def test_all_of_the_arm_is_in_the_middle_of_the_picture_and_fills_it(name, quate
 def test_an_arm_that_closed_form_does_not_cover_is_seen_at_rest():
     parameters = load_parameters('renda2012_table4')
     twisted = Config.from_parameters({**parameters, 'model': 'exact', 'tendons.twist': [0.5] * 12})
-    points = reached(twisted, tendon_limits(twisted))
+    points = reachable_points(twisted, tendon_limits(twisted))
     assert np.isfinite(points).all()
     assert_allclose(points[30], [0.45, 0.0, 0.0], atol=1e-12)
 
@@ -172,7 +172,7 @@ def test_a_port_in_use_is_passed_over_until_none_is_left(monkeypatch):
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
         assert port < free_port('127.0.0.1', port) <= port + 100
-        monkeypatch.setattr('octo_arm_model.viewer.server._TRIED', 1)
+        monkeypatch.setattr('octo_arm_model.viewer.server._MOST_PORTS', 1)
         with pytest.raises(AddressError, match=f'ports {port} to {port} of 127.0.0.1 are all'):
             free_port('127.0.0.1', port)
 

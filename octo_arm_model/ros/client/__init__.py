@@ -1,1 +1,1 @@
-"""Read what the node of an arm publishes, command its tendons, and give it another arm."""
+"""Clients of the node of an arm: read its topics, command its tendons, and swap its arm."""

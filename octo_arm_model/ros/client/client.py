@@ -1,4 +1,4 @@
-"""The client of an arm's node: its newest shape, strains and problems, and tension commands."""
+"""A client of the node of an arm: reads shape, strains and problems, and commands tensions."""
 
 import collections
 import contextlib
@@ -33,18 +33,18 @@ from octo_arm_model.wire import estimate
 from octo_arm_model.wire.backbone import TENDON_LENGTHS, read_poses
 from octo_arm_model.wire.tensions import JOINT_STATE
 
-# Best effort: a slow reader never blocks the publisher.
+# With best effort, a slow reader never blocks the publisher.
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _WINDOW = 2.0  # [s] over which rates are counted
 
 
 class Topic:
-    """The newest message of a topic; older ones are never taken from the middleware."""
+    """A subscription whose newest messages are taken on request instead of by a callback."""
 
     def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile = NEWEST_QOS) -> None:
-        """Subscribe on ``node``, which need not be spun."""
+        """Subscribe ``node``, which need not be spun."""
         self._kind = kind
-        # The callback is never called, as messages are taken by `take_raw`.
+        # The callback is never called because `take_raw` takes the messages.
         self._subscription = node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
 
     def close(self, node: Node) -> None:
@@ -57,52 +57,52 @@ class Topic:
         return int(self._subscription.get_publisher_count())
 
     def take_raw(self) -> list[tuple[bytes, dict[str, Any]]]:
-        """Serialised messages since the last call, at most the queue's depth, oldest first."""
-        taken = []
+        """Return the serialised messages since the last call, oldest first, as many as queued."""
+        messages = []
         handle = self._subscription.handle
         with handle:
             while (message := handle.take_message(self._kind, True)) is not None:
-                taken.append(message)
-        return taken
+                messages.append(message)
+        return messages
 
     def take(self) -> list[Any]:
-        """As `take_raw`, deserialised; MessageError if bytes are no message of the type."""
+        """Return the messages since the last call; MessageError if one cannot be deserialised."""
         return [decoded(data, self._kind) for data, _ in self.take_raw()]
 
 
 class Meter:
-    """Rate of events over the last two seconds."""
+    """Measures the rate of events over the last two seconds."""
 
     def __init__(self) -> None:
         """Start with no events."""
-        self._seen: collections.deque[tuple[float, int]] = collections.deque()
+        self._samples: collections.deque[tuple[float, int]] = collections.deque()
 
     def count(self, now: float, number: int) -> None:
-        """Record that ``number`` events have happened by ``now`` [s]; fewer means a restart."""
-        if self._seen and number < self._seen[-1][1]:
-            self._seen.clear()
-        self._seen.append((now, number))
+        """Record the total ``number`` of events at ``now`` [s]; a smaller one means a restart."""
+        if self._samples and number < self._samples[-1][1]:
+            self._samples.clear()
+        self._samples.append((now, number))
 
     def rate(self, now: float) -> float:
-        """Events per second [Hz] at ``now`` [s]."""
-        while self._seen and self._seen[0][0] < now - _WINDOW:
-            self._seen.popleft()
-        if len(self._seen) < 2:
+        """Return the number of events per second [Hz] at ``now`` [s]."""
+        while self._samples and self._samples[0][0] < now - _WINDOW:
+            self._samples.popleft()
+        if len(self._samples) < 2:
             return 0.0
-        (first, before), (last, after) = self._seen[0], self._seen[-1]
+        (first, before), (last, after) = self._samples[0], self._samples[-1]
         return (after - before) / max(last - first, 1e-3)
 
 
-_UNIT = 1e-3  # by which the length of a quaternion may be off
+_UNIT = 1e-3  # tolerance of the norm of a quaternion
 
 
 class PublishedShape(NamedTuple):
     """One shape as the node published it.
 
     Attributes:
-        position: of the stations in `base_frame`, base first, (stations, 3) [m].
-        quaternion: their orientation x, y, z, w, (stations, 4).
-        stamp: stamp of the tensions it was solved for [s].
+        position: positions of the stations in `base_frame`, base first, (stations, 3) [m].
+        quaternion: orientations of the stations x, y, z, w, (stations, 4).
+        stamp: stamp of the tensions that the shape was solved for [s].
         received: time of arrival [s].
     """
 
@@ -113,7 +113,7 @@ class PublishedShape(NamedTuple):
 
 
 class PublishedStrains(NamedTuple):
-    """Strains as the node published them, each (stations,); see `Backbone`."""
+    """Strains as the node published them, each (stations,), with the names of a `Backbone`."""
 
     model: str
     s: FloatArray
@@ -124,10 +124,10 @@ class PublishedStrains(NamedTuple):
 
 
 def strains_of(message: Any) -> PublishedStrains:
-    """Strains in an ``octo_arm_msgs/msg/SectionStrains``.
+    """Return the strains in an ``octo_arm_msgs/msg/SectionStrains``.
 
     Raises:
-        MessageError: if they differ in number, or one cannot be that of an arm.
+        MessageError: if the lists differ in length, or no arm can have such a strain.
     """
     names, count = PublishedStrains._fields[1:], len(message.s)
     parts = [_finite(name, getattr(message, name), count) for name in names]
@@ -138,7 +138,7 @@ def strains_of(message: Any) -> PublishedStrains:
 
 
 def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
-    """``values`` of a message; MessageError if not so many, or one is not finite or too large."""
+    """Return ``values`` of a message as an array; MessageError if its size or a value is wrong."""
     array = np.asarray(values, np.float64)
     if size is not None and array.size != size:
         raise MessageError(f'{name} has {array.size} numbers, expected {size}')
@@ -148,14 +148,14 @@ def _finite(name: str, values: Any, size: int | None = None) -> FloatArray:
 
 
 def _variances(name: str, covariance: Any) -> FloatArray:
-    """Diagonals (..., n) of a ``covariance`` (..., n, n); MessageError if one is below zero."""
-    found = np.diagonal(_finite(name, covariance), axis1=-2, axis2=-1)
-    if (found < 0.0).any():
+    """Return the diagonals (..., n) of ``covariance`` (..., n, n); MessageError if negative."""
+    variances = np.diagonal(_finite(name, covariance), axis1=-2, axis2=-1)
+    if (variances < 0.0).any():
         raise MessageError(f'{name} has variances below zero')
-    return found
+    return variances
 
 
-# Topics of the backbone, and of further quantities at the same stations, with their types.
+# Topics and types of the backbone, and of further quantities at the same stations.
 _SHAPES = 'backbone/poses'
 POSES: dict[str, Any] = {_SHAPES: PoseArray}
 DETAILS: dict[str, Any] = {
@@ -166,7 +166,7 @@ DETAILS: dict[str, Any] = {
     estimate.TIP_WRENCH: WrenchStamped,
     estimate.CONTACT: WrenchStamped,
 }
-_MOST_PROBLEMS, _LONGEST_PROBLEM = 64, 1000  # names in diagnostics, and characters of each
+_MOST_PROBLEMS, _LONGEST_PROBLEM = 64, 1000  # status names kept, and characters of each problem
 _DIAGNOSTICS_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -175,21 +175,21 @@ class ArmClient:
 
     Attributes:
         command_topic: full name of the topic of the commands.
-        config: the arm, from the topic arm_description; None until received.
+        config: configuration of the arm, from the topic arm_description; None until received.
         shape: newest shape of that arm; None until received.
         strains: newest strains; None until received.
         tensions: tensions of the newest shape [N], (tendons,); None until received.
         tip_deviation: standard deviation of the tip's position along x, y, z [m], (3,).
         covariance: newest covariance of shape and contact, from an estimator; None until received.
         force: newest estimated force on the arm [N], (3,); None until received.
-        is_paused: whether a simulator says that it stands still; None until one says anything.
+        is_paused: whether the diagnostics of a simulator report a pause; None until received.
     """
 
     def __init__(self, node: Node, namespace: str = '') -> None:
-        """Create the entities on ``node``, for the arm in ``namespace``, by default the node's.
+        """Create the entities on ``node`` for the arm in ``namespace``, by default the node's.
 
         Raises:
-            ConfigError: if ``namespace`` is none.
+            ConfigError: if ``namespace`` is not a valid namespace.
         """
         try:
             validate_namespace(namespace if namespace.startswith('/') else f'/{namespace}')
@@ -214,7 +214,7 @@ class ArmClient:
 
     @functools.cached_property
     def simulator(self) -> SimulatorClient:
-        """The client of the simulator beside the node."""
+        """The client of the simulator in the same namespace."""
         return SimulatorClient(self._node, self._prefix)
 
     def _forget(self) -> None:
@@ -228,7 +228,7 @@ class ArmClient:
     def listen(self, topics: Mapping[str, Any]) -> None:
         """Subscribe to ``topics``, such as `POSES` and `DETAILS`, and unsubscribe from others.
 
-        Every subscription costs the arm's node time for each shape.
+        Every subscription costs the node of the arm time for each shape.
         """
         for name in self._topics.keys() - topics.keys():
             self._topics.pop(name).close(self._node)
@@ -238,10 +238,10 @@ class ArmClient:
             self._forget()
 
     def poll(self) -> bool:
-        """Take the messages that have arrived; returns whether there is a new shape.
+        """Take the messages that have arrived; return whether there is a new shape.
 
         Raises:
-            OctoArmError: if the description of the arm or diagnostics are invalid.
+            OctoArmError: if the description of the arm or a diagnostics message is invalid.
         """
         for message in self._description.take():
             if message.data != self._text:
@@ -273,17 +273,17 @@ class ArmClient:
             self.strains = strains_of(message)
         elif name == TENDON_LENGTHS:
             self.tensions = None
-            with contextlib.suppress(OctoArmError):  # of another arm, whose description is to come
+            with contextlib.suppress(OctoArmError):  # another arm's, whose description comes later
                 self.tensions = JOINT_STATE.read(message, self.config.arm).ravel()
         elif name == estimate.COVARIANCE:
             self.covariance = None
-            found = estimate.read_covariance(message)
-            _variances('pose', found.pose)
-            _variances('contact', found.contact)
-            # NaN is that of what acts all along.
-            if np.isinf(found.contact_s):
+            covariance = estimate.read_covariance(message)
+            _variances('pose', covariance.pose)
+            _variances('contact', covariance.contact)
+            # NaN stands for a contact that acts along the whole arm.
+            if np.isinf(covariance.contact_s):
                 raise MessageError('contact_s is infinite')
-            self.covariance = found
+            self.covariance = covariance
         elif name in (estimate.TIP_WRENCH, estimate.CONTACT):
             force = message.wrench.force
             self.force = _finite('force', [force.x, force.y, force.z])
@@ -295,52 +295,52 @@ class ArmClient:
         received = 1e-9 * (info.get('received_timestamp') or time.time_ns())
         stamp, poses = read_poses(data)
         if len(poses) < 2:
-            return  # no backbone
+            return  # too few poses for a backbone
         _finite('poses', poses)
         if np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0).max() > _UNIT:
             raise MessageError('poses have quaternions that are not of length 1')
         self.shape = PublishedShape(poses[:, :3], poses[:, 3:], stamp, received)
-        # The publisher's sequence number counts skipped shapes as well; some middleware has none.
+        # The publisher's sequence number also counts skipped shapes; some middleware has none.
         self._counted += 1
         number = info.get('publication_sequence_number') or self._counted
         self._meter.count(received, number)
 
     @property
     def problem(self) -> str:
-        """Warnings and errors in the newest diagnostics of the arm's nodes; empty for none.
+        """The warnings and errors about the arm, separated by semicolons; '' for none.
 
-        Also which of the newest messages are none of their types, and that several nodes publish.
+        They come from its newest diagnostics, invalid messages, and a second publisher of shapes.
         """
         problems = [problem for problem in self._problems.values() if problem]
-        if (nodes := self._sources) > 1:
+        if (nodes := self._publisher_count) > 1:
             problems.insert(0, f'{nodes} nodes publish shapes on {self._prefix}{_SHAPES}')
         return '; '.join(problems)
 
     @property
-    def _sources(self) -> int:
+    def _publisher_count(self) -> int:
         return self._topics[_SHAPES].publishers if _SHAPES in self._topics else 0
 
     def rate(self) -> float:
-        """Shapes the node publishes per second [Hz], including those skipped here.
+        """Return how many shapes per second the node publishes [Hz], including skipped ones.
 
-        NaN where several nodes publish: each counts its own, and none says whose a message is.
+        It is NaN if several nodes publish, because a message does not tell whose count it has.
         """
-        return np.nan if self._sources > 1 else self._meter.rate(time.time())
+        return np.nan if self._publisher_count > 1 else self._meter.rate(time.time())
 
     @property
     def latency(self) -> float:
-        """Time from the stamp of the tensions to the arrival of their shape [s]; NaN for none."""
+        """The time from the stamp of the tensions to the arrival of their shape [s], or NaN."""
         return self.shape.received - self.shape.stamp if self.shape else np.nan
 
     def age(self) -> float:
-        """Time since the newest shape arrived [s]; infinite for none."""
+        """Return the time since the newest shape arrived [s]; infinite if there is no shape."""
         return time.time() - self.shape.received if self.shape else np.inf
 
     def command(self, tensions: FloatArray) -> None:
         """Command ``tensions`` [N] of all tendons, in the arm's order.
 
         Raises:
-            TensionError: if one is not finite, negative or beyond its limit; nothing is published.
+            TensionError: if one is not finite, negative or above its limit; nothing is published.
         """
         assert self.config is not None
         self._commands.publish(tensions, self._node.get_clock().now().to_msg())
@@ -349,12 +349,12 @@ class ArmClient:
         for status in message.status:
             if status.hardware_id.rpartition('/')[0] != self._namespace:
                 continue
-            what = status.name.rpartition(': ')[2]
-            if what == 'simulator':
-                self.is_paused = any(one.value == PAUSED for one in status.values)
+            task = status.name.rpartition(': ')[2]
+            if task == 'simulator':
+                self.is_paused = any(item.value == PAUSED for item in status.values)
             if status.name not in self._problems and len(self._problems) >= _MOST_PROBLEMS:
                 continue
             self._problems[status.name] = ''
             # The output warns of skipped tensions, which are expected at high rates.
-            if status.level != DiagnosticStatus.OK and what != 'output':
-                self._problems[status.name] = f'{what}: {status.message}'[:_LONGEST_PROBLEM]
+            if status.level != DiagnosticStatus.OK and task != 'output':
+                self._problems[status.name] = f'{task}: {status.message}'[:_LONGEST_PROBLEM]

@@ -1,4 +1,4 @@
-"""What is sent to nodes: tensions and profiles, another arm, and what pulls a simulated one."""
+"""Commands to nodes: tensions, profiles, another arm, and forces on a simulated arm."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -39,26 +39,26 @@ class CommandPublisher:
     """Publishes tensions for the tendons of one arm at a time.
 
     Attributes:
-        publisher: the ROS publisher, to count its subscriptions.
+        publisher: the ROS publisher, which counts its subscriptions.
     """
 
     def __init__(self, node: Node, topic: str, config: Config | None = None) -> None:
-        """Publish on ``topic`` of ``node``, for the arm of ``config`` or that of `use`."""
+        """Publish on ``topic`` of ``node`` for the arm of ``config``, or of a later `use`."""
         self.publisher: Any = node.create_publisher(TendonTensions, topic, OUTPUT_QOS)
         self._config: Config | None = None
         if config is not None:
             self.use(config)
 
     def use(self, config: Config) -> None:
-        """Command the tendons of ``config`` from now on, up to their limits."""
+        """Publish for the arm of ``config`` and check its tension limits from now on."""
         self._config, self._limits = config, tendon_limits(config)
 
     def publish(self, tensions: ArrayLike, stamp: Time, frame: str = '') -> None:
         """Publish ``tensions`` (tendons,) or as `Arm.tension_shape` [N] of all tendons.
 
         Raises:
-            TensionError: if they do not fit this arm, or one is beyond its limit; then nothing is
-                published.
+            TensionError: if they do not fit this arm, or one is above its limit; nothing is
+                published then.
         """
         assert self._config is not None
         arm = self._config.arm
@@ -66,10 +66,10 @@ class CommandPublisher:
         self.publisher.publish(tensions_message(checked, arm, stamp, frame))
 
 
-RELEASE_TIME = 2.0  # [s] from the last tensions to slack
-_POLL = 0.05  # [s] between looks
+RELEASE_TIME = 2.0  # [s] of the ramp from the last tensions to zero
+_POLL = 0.05  # [s] between checks for a subscription
 _SAME_SIGNAL = 0.3  # [s] within which signals count as one
-_FLUSH_TIMEOUT = 5.0  # [s] for the last command to arrive
+_FLUSH_TIMEOUT = 5.0  # [s] to wait for the last command to arrive
 
 Report = Callable[[str, float, float], None]
 
@@ -91,20 +91,20 @@ def play(  # noqa: PLR0913 - options by keyword
     Args:
         profile: tensions over time.
         config: the arm whose tendons it pulls, with their limits.
-        topic: of type octo_arm_msgs/TendonTensions.
-        speed: factor on its speed [-].
-        loop: whether to repeat it.
-        rate: of the commands [Hz].
+        topic: topic of type octo_arm_msgs/TendonTensions.
+        speed: factor on the speed of the profile [-].
+        loop: whether to repeat the profile.
+        rate: rate of the commands [Hz].
         release: whether to ramp the tensions to zero at the end; a second signal stops the ramp.
-        timeout: to wait for a subscription [s].
+        timeout: longest time to wait for a subscription [s].
         report: called with the activity, the time it has taken and its duration [s].
 
     Raises:
-        ConfigError: if ``topic`` is no name of a topic, or nobody subscribes to it.
-        ProfileError: if ``profile`` goes beyond the limit of a tendon.
+        ConfigError: if ``topic`` is not a valid name, or nobody subscribes to it.
+        ProfileError: if ``profile`` exceeds the limit of a tendon.
     """
     check_profile(profile, config.arm, tendon_limits(config))
-    received: list[int] = []  # signals, which would otherwise leave the tendons tensioned
+    received: list[int] = []  # handled signals: unhandled, they would leave the tendons tensioned
     with on_signals(received.append, _SAME_SIGNAL), client_node('octo_arm_player') as node:
         try:
             commands = CommandPublisher(node, topic, config)
@@ -112,9 +112,9 @@ def play(  # noqa: PLR0913 - options by keyword
             raise ConfigError(f'topic is {topic!r}, expected a name such as {TOPIC}') from error
         publish = partial(_publish, commands, received, rate)
         if _find_listener(commands.publisher, timeout, received, report):
-            last = publish(profile, partial(report, 'playing'), speed, loop)
-            if release and last.any():
-                ramp = transition(last, np.zeros_like(last), RELEASE_TIME)
+            final_tensions = publish(profile, partial(report, 'playing'), speed, loop)
+            if release and final_tensions.any():
+                ramp = transition(final_tensions, np.zeros_like(final_tensions), RELEASE_TIME)
                 publish(ramp, partial(report, 'releasing'))
         # The process must not end before the last command has arrived.
         commands.publisher.wait_for_all_acked(Duration(seconds=_FLUSH_TIMEOUT))
@@ -124,9 +124,9 @@ def _find_listener(
     publisher: Any, timeout: float, received: Sequence[int], report: Report
 ) -> bool:
     """Wait for a subscription; False if a signal came first, ConfigError after ``timeout`` [s]."""
-    began = time.monotonic()
+    start = time.monotonic()
     while not publisher.get_subscription_count():
-        waited = time.monotonic() - began
+        waited = time.monotonic() - start
         if waited >= timeout:
             raise ConfigError(
                 f'nobody subscribes to {publisher.topic_name}: start octo_arm_sim, or what drives '
@@ -148,24 +148,24 @@ def _publish(
     speed: float = 1.0,
     loop: bool = False,
 ) -> FloatArray:
-    """Publish ``profile`` up to its last row, or until the next signal; returns what came last."""
-    clock, allowed = Clock(clock_type=ClockType.SYSTEM_TIME), len(received)
-    duration, began, sent = profile.duration / speed, time.monotonic(), 0
+    """Publish ``profile`` to its end or the next signal, and return the last tensions [N]."""
+    clock, signals_before = Clock(clock_type=ClockType.SYSTEM_TIME), len(received)
+    duration, start, sent = profile.duration / speed, time.monotonic(), 0
     while True:
-        played = time.monotonic() - began
+        played = time.monotonic() - start
         tensions = profile.at(speed * played, loop=loop)
         commands.publish(tensions, clock.now().to_msg())
         report(played if loop else min(played, duration), duration)
-        # Commands that are late are skipped.
+        # Late commands are skipped.
         sent = max(sent + 1, int(played * rate))
         if played >= duration and not loop:
             return tensions
-        time.sleep(max(0.0, began + sent / rate - time.monotonic()))
-        if len(received) > allowed:
+        time.sleep(max(0.0, start + sent / rate - time.monotonic()))
+        if len(received) > signals_before:
             return tensions
 
 
-_QUESTIONS = 2  # requests sent before a node counts as one that does not answer
+_ATTEMPTS = 2  # requests sent before a node counts as one that does not answer
 
 
 def swap_arm(
@@ -177,14 +177,14 @@ def swap_arm(
     node are set if given and unchanged if not.
 
     Args:
-        values: by their dotted names.
+        values: values of parameters by their dotted names.
         others: parameters that the node may have besides those of the arm.
-        node_name: with its namespace, such as ``/octo_arm``.
-        timeout: to wait for the node, and then for each of its answers [s].
+        node_name: name of the node with its namespace, such as ``/octo_arm``.
+        timeout: longest time to wait for the node, and then for each of its answers [s].
 
     Raises:
         ConfigError: if there is no such node, it has no arm, it does not know a parameter, a value
-            is of the wrong type, or the node refuses.
+            has the wrong type, or the node refuses.
     """
     with client_node('octo_arm_load') as node:
         try:
@@ -203,9 +203,9 @@ def swap_arm(
             raise ConfigError(f'{node_name} has no arm, expected an octo_arm_node or octo_arm_sim')
         known = arm | {p.name: p for p in others if p.name in names}
         refuse_unknown(values, list(known), node_name)
-        wanted = {name: parameter.default_or_none_given for name, parameter in arm.items()}
-        wanted.update(values)
-        changes = [ros_parameter(known[name], value) for name, value in wanted.items()]
+        new_values = {name: parameter.default_or_none_given for name, parameter in arm.items()}
+        new_values.update(values)
+        changes = [ros_parameter(known[name], value) for name, value in new_values.items()]
         answer: SetParametersAtomically.Response = _ask(
             node, lambda: client.set_parameters_atomically(changes), node_name, timeout
         )
@@ -214,24 +214,24 @@ def swap_arm(
 
 
 def _ask(node: Node, ask: Callable[[], Future], node_name: str, timeout: float) -> Any:
-    """Result of the request ``ask``, sent up to twice; ConfigError after ``timeout`` [s]."""
-    # A server that has not discovered the reader of its answers yet loses the first.
-    asked, begin = list[Future](), time.monotonic()
-    for part in range(_QUESTIONS):
-        asked.append(ask())
-        while (left := begin + (part + 1) / _QUESTIONS * timeout - time.monotonic()) > 0.0:
-            rclpy.spin_once(node, timeout_sec=left)
-            for answer in asked:
+    """Call ``ask`` up to twice and return the answer; ConfigError after ``timeout`` [s]."""
+    # A server that has not discovered the reader of its answers yet loses the first answer.
+    answers, start = list[Future](), time.monotonic()
+    for attempt in range(_ATTEMPTS):
+        answers.append(ask())
+        while (remaining := start + (attempt + 1) / _ATTEMPTS * timeout - time.monotonic()) > 0.0:
+            rclpy.spin_once(node, timeout_sec=remaining)
+            for answer in answers:
                 if answer.done():
                     return answer.result()
     raise ConfigError(f'{node_name} has not answered within {timeout} s')
 
 
 class SimulatorClient:
-    """Publishes forces and calls services, whose answers are not waited for."""
+    """Publishes forces to a simulator and calls its services without waiting for answers."""
 
     def __init__(self, node: Node, prefix: str = '') -> None:
-        """Create the entities on ``node``, with ``prefix`` before their names."""
+        """Create the publisher and the clients on ``node``, with ``prefix`` before their names."""
         self._force = node.create_publisher(Vector3Stamped, prefix + PUSH_TOPIC, OUTPUT_QOS)
         self._services = {
             name: node.create_client(SetBool if name == 'pause' else Trigger, prefix + name)
@@ -239,21 +239,21 @@ class SimulatorClient:
         }
 
     def pull(self, force: FloatArray) -> None:
-        """Pull the arm with a ``force`` (3,) [N], for half a second or until the next."""
+        """Pull the arm with a ``force`` (3,) [N] for half a second or until the next call."""
         x, y, z = force.tolist()
         self._force.publish(Vector3Stamped(vector=Vector3(x=x, y=y, z=z)))
 
     def pause(self, is_paused: bool) -> None:
-        """Stop the simulator, or let it go on; ConfigError if there is none."""
+        """Pause or resume the simulator; ConfigError if no simulator offers the service."""
         self._call('pause', SetBool.Request(data=is_paused))
 
     def trigger(self, name: str) -> None:
-        """Call the service ``name``, step or reset; ConfigError as `pause`."""
+        """Call the service ``name``, step or reset; ConfigError if no simulator offers it."""
         self._call(name, Trigger.Request())
 
     def _call(self, name: str, request: SetBool.Request | Trigger.Request) -> None:
         service = self._services[name]
         if not service.service_is_ready():
             raise ConfigError(f'nobody offers {service.srv_name}, expected octo_arm_sim')
-        # Nothing spins the node: the answer is not taken.
+        # The request is dropped, because nothing spins the node to take the answer.
         service.remove_pending_request(service.call_async(request))

@@ -1,6 +1,6 @@
-"""The node ``octo_arm_estimator``: whatever is measured in, estimated shape and contact out.
+"""The node ``octo_arm_estimator``: estimates shape and contact from any measurements.
 
-As a managed node too, ``octo_arm_lifecycle_estimator``.
+``octo_arm_lifecycle_estimator`` is the same as a managed node.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ from octo_arm_model.wire.measurements import (
 from octo_arm_model.wire.messages import Stamp
 
 TABLE = (*PARAMETERS, *ESTIMATOR_PARAMETERS)
-MODEL = 'exact'  # solves whatever the parameter says: it alone has loads
+MODEL = 'exact'  # used whatever the parameter says, because it alone has loads
 
 
 @dataclass(frozen=True)
 class PreparedEstimator(Prepared):
-    """An arm ready to be estimated, swapped as a whole.
+    """An arm ready to be estimated; a change of parameters replaces it as a whole.
 
-    Its description is that of the arm alone, as it is solved; its solver is that of one
-    hypothesis.
+    Its description is that of the arm without the settings of the estimator; its solver is that of
+    the first hypothesis.
 
     Attributes:
-        settings: what is estimated.
-        models: of each hypothesis, by its name.
+        settings: settings of the estimator.
+        models: model of each hypothesis, by its name.
     """
 
     settings: EstimatorSettings
@@ -62,79 +62,79 @@ class PreparedEstimator(Prepared):
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> PreparedEstimator:
-        """Prepare what ``values`` describe.
+        """Prepare the arm and the estimator that the parameters ``values`` describe.
 
         Raises:
-            OctoArmError: if they do not describe one; the message says why.
+            OctoArmError: if they do not describe an arm and its estimator; the message says why.
         """
-        own = {name: value for name, value in values.items() if name.startswith(PREFIX)}
-        arm = {name: value for name, value in values.items() if name not in own}
+        estimation = {name: value for name, value in values.items() if name.startswith(PREFIX)}
+        arm = {name: value for name, value in values.items() if name not in estimation}
         arm['model'] = MODEL
         config, description = Config.from_parameters(arm), describe(arm)
         for kind in filter(None, (config.tension_type, config.displacement_type)):
             message_class(kind)
-        settings = EstimatorSettings.from_parameters(own, config)
+        settings = EstimatorSettings.from_parameters(estimation, config)
         models = settings.models(config)
         solver = next(iter(models.values())).solver
         prepared = cls(description, config, solver, settings, models)
-        # What is compiled or loaded at its first use is so before messages come.
+        # A first update compiles and loads what messages need, before the first one comes.
         rest = Tensions(np.zeros(len(config.arm.tendons)), settings.noise.tension)
         prepared.estimator().add(0, [rest]).estimate.pose_covariance  # noqa: B018
         return prepared
 
     def estimates_as(self, other: PreparedEstimator) -> bool:
-        """Whether it makes of measurements what ``other`` does."""
+        """Whether the same measurements give the same estimate as with ``other``."""
         mine, theirs = (
-            (one.settings, one.config.load_cells, one.config.base_frame) for one in (self, other)
+            (arm.settings, arm.config.load_cells, arm.config.base_frame) for arm in (self, other)
         )
         return mine == theirs and self.config.has_balance_of(other.config)
 
     def estimator(self) -> Estimator:
-        """An estimator of the arm that begins with the prior."""
+        """Return an estimator of the arm in the state of the prior."""
         return Estimator.from_settings(self.settings, self.models, self.settings.window)
 
 
-_BACK = 1.0  # [s] beyond the window by which the stamps of one sensor run back, to begin anew
+_BACK = 1.0  # [s] beyond the window; stamps that run back further reset the estimate
 
 
 class Stamps:
-    """Resolves the stamps of measurements, and finds stamps that run back.
+    """Resolves the stamps of measurements, and detects stamps that run back.
 
     Attributes:
         ahead: how far a stamp may be ahead of the clock [s].
     """
 
     def __init__(self, clock: SteppedClock) -> None:
-        """Compare with ``clock``."""
+        """Compare stamps with ``clock``."""
         self._clock = clock
         self._newest: dict[str, Stamp] = {}
         self.ahead = 0.0
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget the newest stamp of every topic."""
         self._newest.clear()
 
     def resolve(self, stamp: Stamp | None) -> Stamp:
-        """The ``stamp`` of a message; the time of receipt where it has none.
+        """Return the ``stamp`` of a message, or the time of receipt if it has no stamp.
 
         Raises:
-            MessageError: if it is no time.
-            MeasurementError: if it is ahead of the clock: all that is measured until then would be
-                late.
+            MessageError: if the stamp is not a valid time.
+            MeasurementError: if the stamp is ahead of the clock: all measurements until that time
+                would then count as late.
         """
-        at = self._clock.time_of(stamp)
-        ahead = self._clock.ahead(at, self._clock.now_ns)
+        resolved = self._clock.time_of(stamp)
+        ahead = self._clock.ahead(resolved, self._clock.now_ns)
         if ahead > self.ahead:
             raise MeasurementError(
                 f'its stamp is {ahead:.6g} s ahead of the clock, expected at most '
                 f'{self.ahead:g} s (diagnostics.ahead_limit)'
             )
-        return at
+        return resolved
 
     def runs_back(self, topic: str, stamp: Stamp, window: float) -> float:
-        """By how much the stamps of ``topic`` run back [s]; 0 where they are at most late.
+        """Return by how much the stamps of ``topic`` run back [s]; 0 if they are at most late.
 
-        As they do where a bag is played again.
+        Stamps run back when a bag is played again.
         """
         newest = self._newest.get(topic, stamp)
         self._newest[topic] = max(stamp, newest)
@@ -143,13 +143,13 @@ class Stamps:
 
 
 class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
-    """Answers measurements with estimates, of an arm of which nothing is known when activated."""
+    """Publishes an estimate after each measurement; activation resets it to the prior."""
 
     def __init__(self, node: Node) -> None:
         """Declare the parameters of ``node``.
 
         Raises:
-            ConfigError: if a value is of another type than ROS needs.
+            ConfigError: if a value has the wrong type.
         """
         super().__init__(node, TABLE, PreparedEstimator.of, EstimatePublishers)
         self._estimator: Estimator | None = None
@@ -160,43 +160,43 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._stamps = Stamps(self._diagnostics.clock)
 
     def _open(self) -> None:
-        self._begin_anew()
+        self._reset_estimate()
         for topic, message in MEASUREMENT_TOPICS.items():
             self._inputs.subscribe(
                 message_class(message.type_name), topic, partial(self._measure, message)
             )
 
-    def _measure(self, message: MeasurementMessage, topic: str, given: Any) -> None:
-        measurement = message.read(given, self._measured_arm())
-        self._take(topic, Stamp.of(given.header.stamp), measurement)
+    def _measure(self, sensor: MeasurementMessage, topic: str, reading: Any) -> None:
+        measurement = sensor.read(reading, self._measured_arm())
+        self._take(topic, Stamp.of(reading.header.stamp), measurement)
 
     def _close(self) -> None:
         self._estimator = None
         self._status.follow(None, None)
 
-    def _change_arm(self, before: PreparedEstimator | None, now: PreparedEstimator) -> None:
-        config, settings = now.config, now.settings
+    def _change_arm(self, previous: PreparedEstimator | None, arm: PreparedEstimator) -> None:
+        config, settings = arm.config, arm.settings
 
         def pose_of(frame: str, stamp_ns: int) -> Pose:
             return self._frames.pose_of(frame, config.base_frame, stamp_ns)
 
         self._measured = MeasuredArm(config, settings.noise, pose_of)
         self._stamps.ahead = config.diagnostic_limits.ahead_limit
-        if before is None or not now.estimates_as(before):
+        if previous is None or not arm.estimates_as(previous):
             self._inputs.forget()
             if self._estimator is not None:
-                self._begin_anew()
+                self._reset_estimate()
         self._node.get_logger().info(
             f'{config.arm.length} m in {config.base_frame}, contact: '
-            + '; '.join([', '.join(now.models), *settings.notes])
+            + '; '.join([', '.join(arm.models), *settings.notes])
         )
 
     def cleanup(self, state: str = 'unconfigured') -> None:
-        """Free the arm and what is known of it."""
+        """Free the arm and its estimate."""
         super().cleanup(state)
         self._measured = None
 
-    def _begin_anew(self) -> Estimator:
+    def _reset_estimate(self) -> Estimator:
         self._estimator = estimator = self._arm.estimator()
         self._newest = Stamp(0, 0)
         self._stamps.forget()
@@ -204,7 +204,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         return estimator
 
     def _measured_arm(self) -> MeasuredArm:
-        assert self._measured is not None  # of the present arm
+        assert self._measured is not None  # set by `_change_arm`
         return self._measured
 
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
@@ -223,54 +223,53 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         *,
         is_tensions: bool = False,
     ) -> None:
-        """Correct the estimate by a ``measurement`` and publish it; OctoArmError if refused."""
+        """Update the estimate by a ``measurement`` and publish it; OctoArmError if refused."""
         estimator = self._estimator
         assert estimator is not None
         self._diagnostics.received(topic, stamp, is_tensions=is_tensions)
-        at = self._stamps.resolve(stamp)
-        if back := self._stamps.runs_back(topic, at, self._arm.settings.window):
-            words = f'stamps run back by {back:.3g} s; the estimate begins anew'
+        resolved = self._stamps.resolve(stamp)
+        if step_back := self._stamps.runs_back(topic, resolved, self._arm.settings.window):
+            words = f'stamps run back by {step_back:.3g} s; the estimate is reset'
             self._refusal_log.say(topic, words)
             self._status.ran_back(topic)
-            estimator = self._begin_anew()
-        began = time.perf_counter()
-        found = estimator.add(at.ns, [measurement])
-        duration = time.perf_counter() - began
+            estimator = self._reset_estimate()
+        start = time.perf_counter()
+        update = estimator.add(resolved.ns, [measurement])
+        duration = time.perf_counter() - start
         arm, outbox = self._arm, self._publishers
         assert outbox is not None
-        self._newest = max(self._newest, at)
-        if found.begins_anew:
+        self._newest = max(self._newest, resolved)
+        if update.begins_anew:
             words = (
-                'the estimate begins anew: sensors have contradicted it for '
+                'the estimate is reset: sensors have contradicted it for '
                 f'{arm.settings.rules.recover_after:g} s (estimator.recover_after)'
             )
             self._refusal_log.say(topic, words)
-        outbox.describe(arm.models[found.hypothesis].solver, arm.config)
-        outbox.publish_estimate(found.estimate, self._newest)
-        self._diagnostics.answered(found.estimate.backbone, duration)
-        self._status.add(found, self._newest.ns)
-        self._tell_of_refused(found)
+        outbox.describe(arm.models[update.hypothesis].solver, arm.config)
+        outbox.publish_estimate(update.estimate, self._newest)
+        self._diagnostics.answered(update.estimate.backbone, duration)
+        self._status.add(update, self._newest.ns)
+        self._warn_of_rejected(update)
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         super()._refuse(topic, error)
         self._status.refused(topic, error)
 
-    def _tell_of_refused(self, found: EstimatorOutput) -> None:
-        """Warn of sensors that are not believed, by their names."""
-        for one in found.innovations:
-            if not one.is_accepted:
-                limit = chi_square_limit(self._arm.settings.rules.gate, one.value.size)
-                is_now = one.normalised_square > limit
-                why = 'contradicts the estimate by' if is_now else 'is still doubted, now with'
+    def _warn_of_rejected(self, update: EstimatorOutput) -> None:
+        """Log each sensor whose measurement the gate has rejected."""
+        for innovation in update.innovations:
+            if not innovation.is_accepted:
+                square, size = innovation.normalised_square, innovation.value.size
+                is_beyond = square > chi_square_limit(self._arm.settings.rules.gate, size)
+                why = 'contradicts the estimate by' if is_beyond else 'is still doubted, now with'
                 error = MeasurementError(
-                    f'it {why} a normalised square of {one.normalised_square:.3g} in '
-                    f'{one.value.size} number(s)'
+                    f'it {why} a normalised square of {square:.3g} in {size} number(s)'
                 )
-                self._refusal_log.warn(one.name, error)
+                self._refusal_log.warn(innovation.name, error)
 
 
 NAME = 'octo_arm_estimator'
-# Publish the estimate of the arm for the measurements they receive.
+# Both nodes publish an estimate for each measurement they receive.
 EstimatorNode = partial(ServedNode, NAME, EstimatorServer)
 ManagedEstimatorNode = partial(ManagedNode, NAME, EstimatorServer)
 main = partial(run, NAME, EstimatorNode)

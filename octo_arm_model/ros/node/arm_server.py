@@ -1,4 +1,4 @@
-"""Answers tensions with the shape of the arm under a wrench on its tip, and requests."""
+"""Solves the arm for the tensions and the tip wrench of messages, and offers services."""
 
 import copy
 import time
@@ -33,29 +33,29 @@ from octo_arm_model.wire.backbone import TIP_POSE, BackboneWriter
 from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENDON_TENSIONS, read_displacements
 
-TIP_FRAME = 'tip'  # after the prefix of frames
+TIP_FRAME = 'tip'  # follows the prefix of frames
 
 
 class TipWrench:
-    """The wrench on the tip that messages say.
+    """The wrench on the tip, from messages.
 
-    Those in base_frame keep their direction. Those in the frame of the tip, or in one that static
-    transforms connect to it, turn with it, and act where that frame is. Of any other frame that
-    transforms connect to base_frame the axes count alone, at the stamp of the message.
+    A wrench in base_frame keeps its direction. A wrench in the tip frame, or in a frame that
+    static transforms connect to it, turns with the tip and acts at the origin of its frame. Any
+    other frame that transforms connect to base_frame gives only the axes, at the message's stamp.
 
     Attributes:
-        value: the last one (6,) [N, N m], in base_frame or in the axes of the tip; None for none.
-        is_following: whether it turns with the tip.
+        value: the newest wrench (6,) [N, N m], in base_frame or the axes of the tip, or None.
+        is_following: whether the wrench turns with the tip.
     """
 
     def __init__(self, frames: SensorFrames, current: Callable[[], Prepared]) -> None:
-        """Begin without a wrench; ``current`` returns the arm that wrenches act on."""
+        """Start without a wrench; ``current`` returns the arm that wrenches act on."""
         self._frames, self._current = frames, current
         self.value: FloatArray | None = None
         self.is_following = False
 
     def acting(self) -> tuple[Solver, FloatArray | None]:
-        """The solver of the arm under the wrench, and what is to be given to it.
+        """Return the solver of the arm under the wrench, and the wrench to solve it with, or None.
 
         Raises:
             ConfigError: if the model of the arm has no loads.
@@ -68,7 +68,7 @@ class TipWrench:
         return solver, None
 
     def change_arm(self, before: Prepared, now: Prepared) -> str:
-        """Drop the wrench where it does not go with another arm; returns why, or ''."""
+        """Drop a wrench that does not fit the arm ``now``; return the reason, or ''."""
         if self.value is None:
             return ''
         try:
@@ -76,24 +76,24 @@ class TipWrench:
             problem = ''
         except OctoArmError as error:
             problem = str(error)
-        given, frame = before.config.base_frame, now.config.base_frame
-        if frame != given:
-            problem = f'it was given in {given!r}, and base_frame is {frame!r}'
+        previous_frame, frame = before.config.base_frame, now.config.base_frame
+        if frame != previous_frame:
+            problem = f'it was given in {previous_frame!r}, and base_frame is {frame!r}'
         if problem:
             self.value = None
         return problem
 
     def take(self, topic: str, message: WrenchStamped) -> None:
-        """Keep the wrench of a ``message`` for the tensions to come.
+        """Keep the wrench of a ``message`` for later tensions.
 
         Raises:
-            OctoArmError: if it is none, or its frame is not known.
+            OctoArmError: if the wrench is invalid, or its frame is not known.
         """
         prepared = self._current()
         wrench, frame = wrench_values(message.wrench), str(message.header.frame_id)
         config, stamp = prepared.config, Stamp.of(message.header.stamp).ns
         tip, is_following = config.frame_prefix + TIP_FRAME, False
-        # First, so that a wrench that is no number is refused for that, whatever its frame.
+        # This check comes first, so that an invalid wrench is refused whatever its frame.
         prepared.solver.check_tip_wrench(wrench)
         if frame == tip:
             is_following = True
@@ -103,59 +103,59 @@ class TipWrench:
                 problem = f'its frame is {frame[:99]!r}, which moves on {tip!r}'
                 raise LoadError(f'{problem}, expected static transforms between the two')
             pose = self._frames.pose_of(frame, tip if is_following else config.base_frame, stamp)
-            turned = Rotation.from_quat(np.array(pose.quaternion)).apply(wrench.reshape(2, 3))
+            rotated = Rotation.from_quat(np.array(pose.quaternion)).apply(wrench.reshape(2, 3))
             if is_following:
-                turned[1] += np.cross(np.array(pose.position), turned[0])
-            wrench = turned.ravel()
+                rotated[1] += np.cross(np.array(pose.position), rotated[0])
+            wrench = rotated.ravel()
             prepared.solver.check_tip_wrench(wrench)
         self.value, self.is_following = wrench if wrench.any() else None, is_following
 
 
 def _highest(request: FindTensions.Request, solver: Solver) -> FloatArray:
-    given = np.array(request.highest, dtype=np.float64)
-    if given.size == 0:
+    highest = np.array(request.highest, dtype=np.float64)
+    if highest.size == 0:
         return default_highest(solver.arm)
-    if given.size == 1:
-        return np.full(solver.arm.tension_shape, given[0])
-    if given.size != len(solver.arm.tendons):
+    if highest.size == 1:
+        return np.full(solver.arm.tension_shape, highest[0])
+    if highest.size != len(solver.arm.tendons):
         raise TargetError(
-            f'highest has {given.size} values, expected {len(solver.arm.tendons)}, one or none'
+            f'highest has {highest.size} values, expected {len(solver.arm.tendons)}, one or none'
         )
-    return given.reshape(solver.arm.tension_shape)
+    return highest.reshape(solver.arm.tension_shape)
 
 
 def _target(request: FindTensions.Request) -> Target:
-    place, turn = request.tip.position, request.tip.orientation
-    position = np.array([place.x, place.y, place.z])
+    point, q = request.tip.position, request.tip.orientation
+    position = np.array([point.x, point.y, point.z])
     if request.target == FindTensions.Request.TIP_POSITION:
         return TipPosition(position)
     if request.target == FindTensions.Request.TIP_POSE:
-        return TipPose(position, np.array([turn.x, turn.y, turn.z, turn.w]))
+        return TipPose(position, np.array([q.x, q.y, q.z, q.w]))
     if request.target == FindTensions.Request.BENDING:
         return Bending(request.plane, request.angle)
     raise TargetError(f'target is {request.target}, expected 0 position, 1 pose or 2 bending')
 
 
 class ArmServer(Server[Prepared, BackbonePublishers]):
-    """Answers tensions and displacements with backbones, and offers services."""
+    """Publishes the backbone for tensions and displacements, and offers services."""
 
     def __init__(self, node: Node) -> None:
         """Declare the parameters of ``node``.
 
         Raises:
-            ConfigError: if a value is of another type than ROS needs.
+            ConfigError: if a value has the wrong type.
         """
         super().__init__(node, PARAMETERS, Prepared.of, BackbonePublishers)
         self._services: list[QueuedService] = []
         self._tip_wrench = TipWrench(self._frames, lambda: self._arm)
         self._wrench: LatestSubscription | None = None
-        self._winding = self._diagnostics.arm = DrivenArm()
+        self._driven_arm = self._diagnostics.arm = DrivenArm()
         self._diagnostics.is_used = self._is_used
 
     def _open(self) -> None:
         node, work = self._node, self._inputs.work
         self._inputs.subscribe(JointState, DISPLACEMENTS, partial(self._on_motors, ''))
-        # Tensions are answered, not wrenches: of these none counts as skipped.
+        # Only tensions are answered: a wrench that a newer one replaces does not count as skipped.
         self._wrench = self._inputs.subscribe(
             WrenchStamped, 'tip_wrench', self._tip_wrench.take, is_answered=False
         )
@@ -168,7 +168,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         for service in self._services:
             service.close()
         self._services, self._wrench, self._tip_wrench.value = [], None, None
-        self._winding.reset()
+        self._driven_arm.reset()
 
     def _change_arm(self, before: Prepared | None, now: Prepared) -> None:
         config, logger = now.config, self._node.get_logger()
@@ -176,7 +176,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         if before is not None:
             if problem := self._tip_wrench.change_arm(before, now):
                 logger.warning(f'tip_wrench dropped: {problem}')
-            for dropped in self._winding.change_config(before.config, config):
+            for dropped in self._driven_arm.change_config(before.config, config):
                 logger.warning(dropped)
         how = ' (compiled)' if now.solver.is_compiled else ''
         logger.info(
@@ -186,8 +186,8 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         )
 
     def _is_used(self, topic: str) -> bool:
-        """Whether what came last on ``topic`` has an effect on the shape."""
-        by_length = len(self._winding.displacements)
+        """Whether the newest message on ``topic`` has an effect on the shape."""
+        by_length = len(self._driven_arm.displacements)
         if self._wrench is not None and topic == self._wrench.topic:
             return self._tip_wrench.value is not None
         if self._inputs.is_apart(topic):
@@ -204,43 +204,43 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         readings: FloatArray | None = None,
         displacements: dict[str, float] | None = None,
     ) -> None:
-        """Answer ``readings`` of load cells or ``displacements``; OctoArmError if refused."""
-        config, outbox, winding = self._arm.config, self._publishers, self._winding
+        """Publish the shape for load cell ``readings`` [N] or ``displacements`` [m], or refuse."""
+        config, outbox, driven_arm = self._arm.config, self._publishers, self._driven_arm
         assert outbox is not None
-        if self._wrench is not None:  # one that came before
+        if self._wrench is not None:  # a wrench that came before these readings
             self._wrench.answer_latest()
         self._diagnostics.received(topic, stamp, is_tensions=readings is not None)
-        at = self._diagnostics.clock.time_of(stamp)
-        began = time.perf_counter()
+        resolved = self._diagnostics.clock.time_of(stamp)
+        start = time.perf_counter()
         tensions = None
         if readings is not None:
             tensions = config.load_cells.tensions(config.arm, readings)
         solver, wrench = self._tip_wrench.acting()
-        answer = winding.answer(
+        answer = driven_arm.answer(
             solver,
             config,
             wrench,
-            at.ns,
+            resolved.ns,
             tensions,
             displacements,
             has_covariance=outbox.is_tip_heard,
         )
-        duration = time.perf_counter() - began
-        outbox.publish(answer.backbone, answer.covariance, at)
+        duration = time.perf_counter() - start
+        outbox.publish(answer.backbone, answer.covariance, resolved)
         if answer.unknown is not None:
             self._diagnostics.tip_unknown(answer.unknown)
             self._refusal_log.say(TIP_POSE, f'not published: {in_short(answer.unknown)}')
-        if winding.displacements:
-            outbox.publish_tensions(answer.backbone, at)
+        if driven_arm.displacements:
+            outbox.publish_tensions(answer.backbone, resolved)
         self._diagnostics.answered(answer.backbone, duration)
 
     def _on_motors(self, field: str, topic: str, message: Any) -> None:
         config = self._arm.config
-        found = read_displacements(message, config.arm, config.encoders, field)
-        self._publish_shape(topic, stamp_of(message), displacements=found)
+        displacements = read_displacements(message, config.arm, config.encoders, field)
+        self._publish_shape(topic, stamp_of(message), displacements=displacements)
 
     def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:
-        yield from ()  # a single solve, which has a budget
+        yield from ()  # needs no pieces: the budget bounds a single solve
         solver, frame = self._arm.solver, self._arm.config.base_frame
         try:
             tensions = TENDON_TENSIONS.read(request.tensions, solver.arm)
@@ -262,22 +262,22 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
     def _on_find_tensions(
         self, request: FindTensions.Request, response: FindTensions.Response
     ) -> Steps:
-        # A copy, as the solver of the node goes on meanwhile.
+        # The solver is copied because the node uses its own meanwhile.
         solver, frame = copy.copy(self._arm.solver), self._arm.config.base_frame
         now = self._node.get_clock().now().to_msg()
         try:
-            along, stiffness = request.stiffness_direction, None
+            axis, stiffness = request.stiffness_direction, None
             if request.stiffness != 0.0:
-                stiffness = Stiffness(np.array([along.x, along.y, along.z]), request.stiffness)
-            given = _target(request), _highest(request, solver)
-            found = yield from sliced(
-                lambda pause: find_tensions(solver, *given, stiffness=stiffness, pause=pause),
+                stiffness = Stiffness(np.array([axis.x, axis.y, axis.z]), request.stiffness)
+            arguments = _target(request), _highest(request, solver)
+            inverse = yield from sliced(
+                lambda pause: find_tensions(solver, *arguments, stiffness=stiffness, pause=pause),
                 SLICE,
             )
         except OctoArmError as error:
             response.success, response.message = False, str(error)
             return
-        response.success, response.reached, response.error = True, found.reached, found.error
-        response.message = '' if found.reached else 'out of reach; this is as near as was found'
-        response.tensions = tensions_message(found.backbone.tensions, solver.arm, now, frame)
-        response.tip = pose_message(found.backbone.position[-1], found.backbone.quaternion[-1])
+        response.success, response.reached, response.error = True, inverse.reached, inverse.error
+        response.message = '' if inverse.reached else 'out of reach; this is as near as was found'
+        response.tensions = tensions_message(inverse.backbone.tensions, solver.arm, now, frame)
+        response.tip = pose_message(inverse.backbone.position[-1], inverse.backbone.quaternion[-1])

@@ -1,4 +1,4 @@
-"""Diagnostics of the node on ``/diagnostics``: a status each of solver, input and output."""
+"""Diagnostics of the node on ``/diagnostics``: one status for solver, input and output each."""
 
 import time
 from collections import Counter
@@ -20,12 +20,12 @@ from octo_arm_model.ros.topics import create_publisher
 from octo_arm_model.ros.work import steady_timer, until_shutdown
 from octo_arm_model.wire.messages import Refusals, Stamp, time_of
 
-# Tolerance in steps of /clock: a message may precede the next one, and one may be lost.
+# Tolerance in steps of /clock: a message may precede the next step, and one step may be lost.
 _STEPS = 2.0
 
 
 class SteppedClock:
-    """The clock of a node, which /clock moves in steps where time is simulated."""
+    """The clock of a node, which advances in steps of /clock if time is simulated."""
 
     def __init__(self, node: Node) -> None:
         """Follow the clock of ``node``."""
@@ -38,27 +38,27 @@ class SteppedClock:
 
     def _on_step(self, jump: TimeJump) -> None:
         step = 1e-9 * jump.delta.nanoseconds
-        # Not the first one, from zero.
+        # The first step, from zero, does not count.
         self._step = step if 1e-9 * self.now_ns > step else 0.0
 
     @property
     def now_ns(self) -> int:
-        """The time [ns]; zero while it is simulated and not known yet."""
-        # For every message: the clock's own `now` takes five times as long.
+        """The time [ns]; zero while simulated time is not known yet."""
+        # Every message needs this, and the clock's own `now` takes five times as long.
         return int(self._clock.handle.get_now().nanoseconds)
 
     def time_of(self, stamp: Stamp | None) -> Stamp:
-        """The ``stamp`` of a message; the time of receipt where it has none.
+        """Return the ``stamp`` of a message, or the time of receipt if it has no stamp.
 
         Raises:
-            MessageError: if it is no time.
+            MessageError: if the stamp is not a valid time.
         """
         return time_of(stamp) or Stamp.from_ns(self.now_ns)
 
     def ahead(self, stamp: Stamp, now_ns: int) -> float:
-        """How far ``stamp`` is ahead of ``now_ns`` by more than the clock's steps explain [s].
+        """Return how far ``stamp`` is ahead of ``now_ns``, beyond the clock's step tolerance [s].
 
-        Negative where it is behind, and zero while the time is not known.
+        It is negative if the stamp is behind, and zero while the time is not known.
         """
         return 1e-9 * (stamp.ns - now_ns) - _STEPS * self._step if now_ns else 0.0
 
@@ -73,15 +73,15 @@ class Diagnostics:
     """Counts messages received, answered, skipped, refused and failed; reports once a period.
 
     Attributes:
-        is_used: whether what came last on a topic, by its whole name, still counts.
-        clock: what stamps are compared with.
-        arm: what remembers the friction of tendons, if anything does.
-        parts: make further statuses, of what else the node does; called with the state of a node
-            that is not subscribed, else with nothing.
+        is_used: says whether the newest message on a topic, by its whole name, has an effect.
+        clock: the clock that stamps are compared with.
+        arm: the arm that keeps the history of friction, or None.
+        parts: functions that make further statuses, called with the state of an inactive node,
+            else with ''.
     """
 
     def __init__(self, node: Node, inputs: Inputs) -> None:
-        """Report as part of ``node``, whose ``inputs`` are given."""
+        """Report as part of ``node``, which has these ``inputs``."""
         self._node, self._inputs = node, inputs
         self._solver: Solver | None = None
         self._limits = DiagnosticLimits(0.0, 0.0, 0.0)
@@ -89,7 +89,7 @@ class Diagnostics:
         self.is_used: Callable[[str], bool] = lambda topic: True
         self.parts: list[Callable[[str], DiagnosticStatus]] = []
         self.arm: DrivenArm | None = None
-        # Of messages, by what became of them: of all, and of those since the last report.
+        # Counts of messages by their outcome, in total and since the last report.
         self._totals, self._lately = Counter[str](), Counter[str]()
         self._topics = set[tuple[str, bool]]()
         self._newest: dict[str, float] = {}
@@ -104,26 +104,26 @@ class Diagnostics:
         steady_timer(node, PERIOD, self._report)
 
     def describe(self, solver: Solver, limits: DiagnosticLimits) -> None:
-        """Report of ``solver`` from now on, and warn beyond ``limits``."""
+        """Report on ``solver`` from now on, and warn beyond ``limits``."""
         self._solver, self._limits = solver, limits
 
     def begin(self) -> None:
-        """The node is subscribed to its inputs from now on."""
+        """Report on a node that is subscribed to its inputs from now on."""
         self._idle = ''
 
     def end(self, state: str) -> None:
-        """The node is not subscribed, being in ``state``."""
+        """Report on a node that is inactive, in ``state``, from now on."""
         self._idle, self._newest, self._last = state, {}, None
 
-    def _count(self, what: str, number: int = 1) -> None:
+    def _count(self, outcome: str, number: int = 1) -> None:
         if number:
-            self._totals[what] += number
-            self._lately[what] += number
+            self._totals[outcome] += number
+            self._lately[outcome] += number
 
     def received(self, topic: str, stamp: Stamp | None, *, is_tensions: bool = False) -> None:
-        """Count a message with its ``stamp``, None where it has none.
+        """Count a message with its ``stamp``, or None.
 
-        Of tensions only one topic should come.
+        ``is_tensions`` marks a message with tensions, which should come on one topic only.
         """
         self._count('received')
         self._topics.add((topic, is_tensions))
@@ -131,7 +131,7 @@ class Diagnostics:
             self._count('unstamped')
             return
         seconds = 1e-9 * stamp.ns
-        # Topics apart may be as late as they like against each other.
+        # Stamps are compared within a topic, but all topics of tensions count as one.
         source = '' if is_tensions else topic
         if seconds < self._newest.get(source, seconds):
             self._count('backwards')
@@ -169,18 +169,18 @@ class Diagnostics:
             self._refusals.count(topic, in_short(error))
 
     def _report(self) -> None:
-        # A solve may delay it.
-        before, self._reported = self._reported, time.monotonic()
-        self._period = self._reported - before
+        # The period is measured because a solve may delay the report.
+        previous, self._reported = self._reported, time.monotonic()
+        self._period = self._reported - previous
         more = (part(self._idle) for part in self.parts)
-        statuses = self._of_solver(), self._of_input(), self._of_output(), *more
+        statuses = self._solver_status(), self._input_status(), self._output_status(), *more
         with until_shutdown(self._node.context):
             self._publisher.publish(diagnostics_message(self._node, *statuses))
         self._lately.clear()
         self._topics.clear()
         self._busy = 0.0
 
-    def _of_solver(self) -> DiagnosticStatus:
+    def _solver_status(self) -> DiagnosticStatus:
         failed, answered = self._lately['failed'], self._lately['answered']
         unknown = self._lately['tip unknown']
         problem = self._idle or (f'no answer to {failed}: {self._failure}' if failed else '')
@@ -209,7 +209,7 @@ class Diagnostics:
             },
         )
 
-    def _of_input(self) -> DiagnosticStatus:
+    def _input_status(self) -> DiagnosticStatus:
         lately = self._lately
         if self._idle:
             problems = [self._idle]
@@ -221,21 +221,21 @@ class Diagnostics:
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
         topics = sorted(topic for topic, _ in self._topics)
-        of_tensions = sorted(topic for topic, is_tensions in self._topics if is_tensions)
-        if len(of_tensions) > 1:
-            problems.append(f'several sources: {", ".join(of_tensions)}')
+        tension_topics = sorted(topic for topic, is_tensions in self._topics if is_tensions)
+        if len(tension_topics) > 1:
+            problems.append(f'several sources: {", ".join(tension_topics)}')
         publishers = self._inputs.publishers()
         for topic in topics:
             if publishers.get(topic, 0) > 1:
                 problems.append(f'several sources: {publishers[topic]} publishers on {topic}')
-        for what, words in (
+        for outcome, words in (
             ('backwards', 'stamps running backwards'),
             ('ahead', 'stamps from the future'),
             ('old', f'stamps older than {self._limits.age_limit:g} s'),
             ('unstamped', 'without a stamp'),
         ):
-            if lately[what]:
-                problems.append(f'{lately[what]} {words}')
+            if lately[outcome]:
+                problems.append(f'{lately[outcome]} {words}')
         return make_status(
             'input',
             DiagnosticStatus.WARN,
@@ -258,7 +258,7 @@ class Diagnostics:
             },
         )
 
-    def _of_output(self) -> DiagnosticStatus:
+    def _output_status(self) -> DiagnosticStatus:
         skipped, answered = self._lately['skipped'], self._lately['answered']
         problem = self._idle or (f'{skipped} skipped for newer ones' if skipped else '')
         return make_status(
@@ -275,7 +275,7 @@ class Diagnostics:
 
 
 def diagnostics_message(node: Node, *statuses: DiagnosticStatus) -> DiagnosticArray:
-    """The ``statuses`` as those of ``node``, whose name is put before theirs."""
+    """Return a message with the ``statuses`` of ``node``, whose name is put before theirs."""
     name = node.get_fully_qualified_name()
     for status in statuses:
         status.name = f'{name.lstrip("/")}: {status.name}'
@@ -288,7 +288,7 @@ def diagnostics_message(node: Node, *statuses: DiagnosticStatus) -> DiagnosticAr
 def make_status(
     name: str, level: bytes, problem: str, fine: str, values: dict[str, object]
 ) -> DiagnosticStatus:
-    """Status of ``level`` where there is a ``problem``, else OK and what is ``fine``."""
+    """Return a status of ``level`` with the ``problem``, or an OK status with text ``fine``."""
     status = DiagnosticStatus(name=name, message=problem or fine)
     status.level = level if problem else DiagnosticStatus.OK
     status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]

@@ -1,4 +1,4 @@
-"""The inputs of a node, of each of which only the latest message counts."""
+"""The inputs of a node; only the latest message of each topic is read."""
 
 import collections
 import time
@@ -14,32 +14,32 @@ from octo_arm_model.ros.topics import create_subscription, decoded
 from octo_arm_model.ros.work import WorkQueue, steady_timer
 from octo_arm_model.wire.messages import Stamp
 
-# Called with the whole name of a topic and a message on it, which an OctoArmError refuses.
+# Called with the whole name of a topic and a message; an OctoArmError refuses the message.
 Read: TypeAlias = Callable[[str, Any], None]
 
-# A best-effort subscription receives from reliable publishers as well. All but the latest of the
-# messages in the queue are skipped; its depth limits how many of these are counted.
+# A best-effort subscription receives from reliable publishers as well. All but the latest message
+# in the queue are skipped; the depth limits how many of the skipped ones are counted.
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 MOST_WAITING = 50  # messages, beyond which the oldest is refused
 LARGEST = 50_000  # bytes of a message that waits
 LONGEST = 2.0  # [s] that a message waits
-_PERIOD = 0.5  # [s] between looks for those that have waited for too long
+_PERIOD = 0.5  # [s] between checks for messages that have waited for too long
 
 
 class NotKnownYet(MeasurementError):
-    """What a message needs is known later, as the transform of its time usually is.
+    """Raised if what a message needs may be known later, such as the transform at its stamp.
 
     Attributes:
-        is_known: whether it is now.
+        is_known: function that says whether it is known now.
     """
 
     def __init__(self, reason: str, is_known: Callable[[], bool]) -> None:
-        """Refuse a message for this ``reason``, unless it is known soon."""
+        """Refuse a message for this ``reason``, unless ``is_known`` soon returns True."""
         super().__init__(reason)
         self.is_known = is_known
 
 
-class _Waiting(NamedTuple):
+class _WaitingMessage(NamedTuple):
     topic: str
     read: Callable[[], None]
     error: NotKnownYet
@@ -47,13 +47,13 @@ class _Waiting(NamedTuple):
 
 
 class Inputs:
-    """The subscriptions of a node, and its messages that wait for what they need.
+    """The subscriptions of a node, and the messages that wait for what they need.
 
     Attributes:
         node: the node.
-        work: has the turns in which messages are read.
+        work: the queue of work in which messages are read.
         refuse: called with the whole name of a topic and why a message on it is refused.
-        skipped: called with the number of messages left out for a newer one, before that is read.
+        skipped: called with the number of messages skipped for a newer one, before that is read.
     """
 
     def __init__(
@@ -62,46 +62,46 @@ class Inputs:
         refuse: Callable[[str, OctoArmError], None],
         skipped: Callable[[int], None],
     ) -> None:
-        """Subscribe ``node`` to nothing yet."""
+        """Create the inputs of ``node``, without subscriptions."""
         self.node, self.refuse, self.skipped = node, refuse, skipped
         self.work = WorkQueue(node)
         self._open: dict[str, LatestSubscription] = {}
-        self._began = 0.0
-        self._waiting: collections.deque[_Waiting] = collections.deque()
+        self._last_subscribed = 0.0
+        self._waiting: collections.deque[_WaitingMessage] = collections.deque()
         self._is_due = False
         steady_timer(node, _PERIOD, self._expire)
 
     def subscribe(
         self, kind: Any, topic: str, read: Read, *, is_apart: bool = True, is_answered: bool = True
     ) -> 'LatestSubscription':
-        """Have messages of type ``kind`` on ``topic`` read from now on.
+        """Subscribe to messages of type ``kind`` on ``topic``, which ``read`` is called with.
 
-        ``is_apart`` says that they are no further source of tensions, and ``is_answered`` that
-        each has an answer of its own.
+        ``is_apart`` says that the topic is not a source of tensions, and ``is_answered`` that each
+        message has its own answer.
 
         Raises:
-            ConfigError: if an override of a QoS policy cannot be.
+            ConfigError: if an override of a QoS policy has an impossible value.
         """
-        self._began = time.monotonic()
-        made = LatestSubscription(self, kind, topic, read, is_apart, is_answered)
-        self._open[topic] = made
-        return made
+        self._last_subscribed = time.monotonic()
+        subscription = LatestSubscription(self, kind, topic, read, is_apart, is_answered)
+        self._open[topic] = subscription
+        return subscription
 
     def is_open(self, topic: str) -> bool:
-        """Whether ``topic`` is subscribed to, by the name that was given."""
+        """Whether the node is subscribed to ``topic``, by the name given to `subscribe`."""
         return topic in self._open
 
     def is_apart(self, topic: str) -> bool:
-        """Whether messages on ``topic``, by its whole name, are no source of tensions."""
+        """Whether ``topic``, by its whole name, is an input that is not a source of tensions."""
         return any(one.topic == topic and one.is_apart for one in self._open.values())
 
     def unsubscribe(self, topic: str) -> None:
-        """Read no more messages on ``topic``, if any were."""
+        """Stop reading messages on ``topic``, if the node is subscribed to it."""
         if (subscription := self._open.pop(topic, None)) is not None:
             subscription.close()
 
     def close(self) -> None:
-        """Unsubscribe from all, and forget what waits."""
+        """Unsubscribe from all topics, and drop the messages that wait."""
         for topic in list(self._open):
             self.unsubscribe(topic)
         self.work.clear()
@@ -109,35 +109,35 @@ class Inputs:
         self._is_due = False
 
     def publishers(self) -> dict[str, int]:
-        """How many publishers each input has that is answered, by its whole name."""
-        return {
-            one.topic: one.count_publishers() for one in self._open.values() if one.is_answered
-        }
+        """Return the number of publishers of each answered input, by its whole name."""
+        answered = [topic for topic in self._open.values() if topic.is_answered]
+        return {topic.topic: topic.count_publishers() for topic in answered}
 
     def silent(self, limit: float, is_used: Callable[[str], bool]) -> list[str]:
-        """A sentence for each used input without a message for more than ``limit`` [s].
+        """Return a sentence for each used input without a message for more than ``limit`` [s].
 
-        Those of tensions are one, as they may replace each other.
+        The topics of tensions count as one input, as they may replace each other.
         """
-        now = time.monotonic()
-        heard = [(one.topic, one.heard_at) for one in self._open.values() if one.is_apart]
-        of_tensions = [one for one in self._open.values() if not one.is_apart]
-        if of_tensions:
-            heard.append(max((one.heard_at, one.topic) for one in of_tensions)[::-1])
+        now, inputs = time.monotonic(), self._open.values()
+        heard = [(topic.topic, topic.heard_at) for topic in inputs if topic.is_apart]
+        tensions = [topic for topic in inputs if not topic.is_apart]
+        if tensions:
+            heard.append(max((topic.heard_at, topic.topic) for topic in tensions)[::-1])
         silent = [
             f'{topic} is silent for {now - heard_at:.1f} s'
             for topic, heard_at in sorted(heard)
             if heard_at and now - heard_at > limit and is_used(topic)
         ]
-        is_answered = any(one.heard_at and one.is_answered for one in self._open.values())
-        if not is_answered and now - self._began > limit:
-            silent.append(f'silent for {now - self._began:.1f} s')
+        is_answered = any(topic.heard_at and topic.is_answered for topic in inputs)
+        if not is_answered and now - self._last_subscribed > limit:
+            silent.append(f'silent for {now - self._last_subscribed:.1f} s')
         return silent
 
     def attempt(self, topic: str, read: Callable[[], None], size: int) -> None:
-        """Call ``read`` for a message on ``topic`` of so many bytes, once what it needs is known.
+        """Call ``read`` for a message on ``topic`` of ``size`` bytes, or let the message wait.
 
-        It is refused by the OctoArmError that it raises then, or as it has waited for too long.
+        A message waits after a `NotKnownYet`, and is refused after any other OctoArmError, or once
+        it is too large to wait or has waited for too long.
         """
         try:
             read()
@@ -147,30 +147,30 @@ class Inputs:
                 return
             if len(self._waiting) >= MOST_WAITING:
                 self._refuse_oldest()
-            self._waiting.append(_Waiting(topic, read, error, time.monotonic() + LONGEST))
+            self._waiting.append(_WaitingMessage(topic, read, error, time.monotonic() + LONGEST))
         except OctoArmError as error:
             self.refuse(topic, error)
 
     def forget(self) -> None:
-        """Forget what waits; it is of another arm."""
+        """Drop the messages that wait, because they are for another arm."""
         self._waiting.clear()
 
     def look_again(self) -> None:
-        """Read, in their turns, messages that wait for what is known by now."""
+        """Queue the work of reading the waiting messages whose needs are known by now."""
         if self._waiting and not self._is_due:
             self._is_due = True
             self.work.add(self._read_next)
 
     def _read_next(self) -> bool:
-        """Read the oldest message for which all is known; whether there was one."""
-        known = next((one for one in self._waiting if one.error.is_known()), None)
-        self._is_due = known is not None
-        if known is not None:
-            self._waiting.remove(known)
+        """Read the oldest message whose needs are known; return whether there was one."""
+        ready = next((message for message in self._waiting if message.error.is_known()), None)
+        self._is_due = ready is not None
+        if ready is not None:
+            self._waiting.remove(ready)
             try:
-                known.read()
+                ready.read()
             except OctoArmError as error:
-                self.refuse(known.topic, error)
+                self.refuse(ready.topic, error)
         return self._is_due
 
     def _expire(self) -> None:
@@ -183,23 +183,23 @@ class Inputs:
 
 
 class LatestSubscription:
-    """Subscription to one topic, of which only the latest message is answered.
+    """A subscription to one topic, of which only the latest message is answered.
 
-    To answer may take longer than the time between two messages. It is a piece of a `WorkQueue`:
-    in the callback of a message every message that came meanwhile would be answered before any
-    request for parameters is.
+    An answer may take longer than the time between two messages. It is a piece of a `WorkQueue`:
+    if the callback answered, all messages that came meanwhile would be answered before any request
+    for parameters.
 
     Attributes:
-        topic: its whole name, as remapped.
-        is_apart: see `Inputs.subscribe`.
-        is_answered: see there.
-        heard_at: when the last message was read [s]; 0 where none was.
+        topic: whole name of the topic, as remapped.
+        is_apart: whether the topic is not a source of tensions.
+        is_answered: whether each message has its own answer.
+        heard_at: time when the last message was read [s]; 0 if there was none.
     """
 
     def __init__(
         self, inputs: Inputs, kind: Any, topic: str, read: Read, is_apart: bool, is_answered: bool
     ) -> None:
-        """Subscribe, see `Inputs.subscribe`."""
+        """Subscribe the node of ``inputs``; the other arguments are those of its `subscribe`."""
         self._inputs, self._kind, self._read = inputs, kind, read
         self.is_apart, self.is_answered, self.heard_at = is_apart, is_answered, 0.0
         self._latest: bytes | None = None
@@ -215,7 +215,7 @@ class LatestSubscription:
         self._inputs.node.destroy_subscription(self._subscription)
 
     def count_publishers(self) -> int:
-        """How many publishers of the topic there are."""
+        """Return the number of publishers of the topic."""
         return int(self._subscription.get_publisher_count())
 
     def _keep(self, message: bytes) -> None:
@@ -226,7 +226,7 @@ class LatestSubscription:
         self._latest = message
 
     def answer_latest(self) -> None:
-        """Answer the latest message, if it is not answered yet."""
+        """Answer the latest message, unless it is answered already."""
         if not self._is_open:
             return
         with self._subscription.handle:
@@ -246,6 +246,6 @@ class LatestSubscription:
 
 
 def stamp_of(message: Any) -> Stamp | None:
-    """The stamp of a ``message``; None where its type has none."""
+    """Return the stamp of a ``message``; None if its type has no stamp."""
     header = getattr(message, 'header', None)
     return Stamp.of(header.stamp) if isinstance(header, Header) else None

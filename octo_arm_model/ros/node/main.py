@@ -1,7 +1,7 @@
 """The node ``octo_arm_node``: tendon tensions in, backbone and strains out.
 
-As a managed node too, ``octo_arm_lifecycle_node``: configure loads and validates the arm, activate
-subscribes, deactivate unsubscribes, cleanup frees.
+``octo_arm_lifecycle_node`` is the same as a managed node: configure loads and validates the arm,
+activate subscribes, deactivate unsubscribes, cleanup frees.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ from octo_arm_model.terminal import fail, show_logs
 PROFILES = Path(__file__).with_name('fastdds.xml')
 _FILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 _FROM_XML = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
-# A user who sets one of these, or has one of these files, has configured Fast DDS.
+# A user who sets one of these variables, or has one of these files, has configured Fast DDS.
 _DECISIONS = (*_FILES, _FROM_XML, 'RMW_FASTRTPS_PUBLICATION_MODE')
 _LOCAL_FILES = ('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml')
 
@@ -42,13 +42,13 @@ _LOCAL_FILES = ('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml')
 def bound_memory(
     environment: MutableMapping[str, str] = os.environ, folder: Path = Path()
 ) -> bool:
-    """Let Fast DDS load `PROFILES` in this process, by its environment variables.
+    """Make Fast DDS load `PROFILES` in this process, by environment variables.
 
     By default every slot of every queue keeps the memory of the largest message it has held, so
     the memory of some hundred large messages is never freed.
 
     Returns:
-        False where the user has configured Fast DDS, whose settings then stay.
+        False if the user has configured Fast DDS, whose settings are then kept.
     """
     if any(name in environment for name in _DECISIONS):
         return False
@@ -60,11 +60,11 @@ def bound_memory(
 
 
 LONGEST_WAIT = 0.5  # [s] between checks for shutdown
-LONGEST_END = 4.0  # [s] for ROS to destroy a node
+LONGEST_END = 4.0  # [s] that ROS may take to destroy a node
 
 
 class ServedNode(CheckedNode):
-    """Does what its server does, from the beginning on."""
+    """A node whose server answers from the start."""
 
     def __init__(
         self, name: str, make_server: Callable[[Node], Server[Any, Any]], **options: Any
@@ -85,7 +85,7 @@ _SUCCESS = TransitionCallbackReturn.SUCCESS
 
 
 class ManagedNode(CheckedNode, LifecycleNode):
-    """Does what its server does while it is active."""
+    """A managed node whose server answers while the node is active."""
 
     def __init__(
         self, name: str, make_server: Callable[[Node], Server[Any, Any]], **options: Any
@@ -93,7 +93,7 @@ class ManagedNode(CheckedNode, LifecycleNode):
         """Declare the parameters; the arm is loaded when it is configured.
 
         Raises:
-            ConfigError: if a parameter is of the wrong type.
+            ConfigError: if a parameter has the wrong type.
         """
         super().__init__(name, **options)
         self._server = make_server(self)
@@ -122,21 +122,21 @@ class ManagedNode(CheckedNode, LifecycleNode):
         return self._attempt('configured', self._server.configure, self._server.cleanup)
 
     def _attempt(
-        self, what: str, change: Callable[[], None], undo: Callable[[], None]
+        self, state: str, change: Callable[[], None], undo: Callable[[], None]
     ) -> TransitionCallbackReturn:
-        """``change`` the server, or log that it is not ``what`` it should be, and ``undo`` it."""
+        """Call ``change``; if it fails, log that the node is not in ``state``, and ``undo``."""
         try:
             change()
         except OctoArmError as error:
-            self.get_logger().error(f'not {what}: {error}')
+            self.get_logger().error(f'not {state}: {error}')
             undo()
             return TransitionCallbackReturn.FAILURE
         return _SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to answer; a failure leaves the node inactive."""
-        found = self._attempt('activated', self._server.activate, self._server.deactivate)
-        return super().on_activate(state) if found == _SUCCESS else found
+        """Start answering; a failure leaves the node inactive."""
+        result = self._attempt('activated', self._server.activate, self._server.deactivate)
+        return super().on_activate(state) if result == _SUCCESS else result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop answering."""
@@ -149,19 +149,19 @@ class ManagedNode(CheckedNode, LifecycleNode):
         return _SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate and clean up, from any state."""
+        """Deactivate the server and free the arm, from any state."""
         self._server.deactivate()
         self._server.cleanup('finalized')
         return _SUCCESS
 
 
-# Publish the backbone of the arm for the tensions they receive.
+# Both nodes publish the backbone of the arm for the tensions they receive.
 OctoArmNode = partial(ServedNode, 'octo_arm', ArmServer)
 ManagedOctoArmNode = partial(ManagedNode, 'octo_arm', ArmServer)
 
 
 def make_executor(context: Context | None = None) -> Executor:
-    """The events executor where rclpy has it, else the single-threaded one."""
+    """Return the events executor if rclpy has one, else the single-threaded executor."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
@@ -170,9 +170,9 @@ def make_executor(context: Context | None = None) -> Executor:
 
 
 def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
-    """Run a node until SIGINT or SIGTERM; returns the exit status."""
+    """Run a node until SIGINT or SIGTERM; return the exit status."""
     of_ros = arguments_of_ros(name, arguments)
-    install()  # rclpy then ends its context at a signal, which ends the loop below
+    install()  # rclpy then shuts its context down at a signal, which ends the loop below
     bound_memory()
     try:
         start_ros(of_ros, SignalHandlerOptions.ALL)
@@ -188,16 +188,16 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         executor = make_executor()
         executor.add_node(node)
         context = rclpy.get_default_context()
-        # Not `spin`: a signal just before the executor waits does not wake it.
+        # `spin` would miss a signal just before the executor waits.
         while context.ok():
             executor.spin_once(timeout_sec=LONGEST_WAIT)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except RuntimeError:
-        # A signal may end the context while the executor builds its wait set on it.
+        # A signal may shut down the context while the executor builds a wait set on it.
         if rclpy.ok():
             raise
-        # It has then lost count of its callbacks, and would abort the process when it is freed.
+        # The executor has then lost count of its callbacks; freeing it would abort the process.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(executor))
     except (OctoArmError, ParameterException) as error:
         hint = '(parameters come from --ros-args --params-file FILE)'
@@ -205,8 +205,8 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
     except MemoryError:
         return fail(name, 'out of memory', 1)
     finally:
-        # Fast DDS may deadlock in C++ while many participants leave. This thread then ends the
-        # process with status 1 and prints where it was.
+        # Fast DDS may deadlock in C++ while many participants leave. A thread then prints a
+        # traceback and ends the process with status 1.
         with contextlib.suppress(RuntimeError):  # no memory for the thread; report the first error
             faulthandler.dump_traceback_later(LONGEST_END, exit=True)
         if node is not None:

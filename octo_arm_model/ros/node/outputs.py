@@ -33,27 +33,27 @@ from octo_arm_model.wire.backbone import (
 from octo_arm_model.wire.markers import FramesWriter, MarkersWriter
 from octo_arm_model.wire.messages import Stamp
 
-_STILL_HEARD = 0.1  # [s] after it was, that who is gone may still be published to
+_STILL_HEARD = 0.1  # [s] for which a count of subscribers stays valid
 
 
 class Output:
-    """A publisher of a node, and whether what it publishes reaches anybody.
+    """A publisher of a node that knows whether its messages reach anybody.
 
     Attributes:
-        publisher: the publisher.
+        publisher: the ROS publisher.
     """
 
     def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile) -> None:
-        """Publish messages of type ``kind`` on ``topic``, see `create_publisher`.
+        """Create the publisher of ``node`` for messages of type ``kind`` on ``topic``.
 
         Raises:
-            ConfigError: if an override of a QoS policy cannot be.
+            ConfigError: if an override of a QoS policy has an impossible value.
         """
         self.publisher: Publisher = create_publisher(node, kind, topic, qos)
         durability = self.publisher.qos_profile.durability
-        # What it keeps, a later subscriber receives as well.
+        # A transient local publisher keeps messages for later subscribers.
         self._keeps = durability == DurabilityPolicy.TRANSIENT_LOCAL
-        # For every message: rclpy's own methods take three times as long.
+        # Every message needs these two, and rclpy's own methods take three times as long.
         self._count = self.publisher.handle.get_subscription_count
         self._publish_bytes = self.publisher.handle.publish_raw
         self._heard_until = 0.0
@@ -69,7 +69,7 @@ class Output:
         return now < self._heard_until
 
     def publish(self, message: Any) -> None:
-        """Publish a ``message``, or the bytes of one."""
+        """Publish a ``message``, which may be serialised."""
         if isinstance(message, bytes):
             self._publish_bytes(message)
         else:
@@ -83,7 +83,7 @@ class MarkerPublisher:
     """Publishes markers of the newest backbone at a limited rate, while somebody subscribes."""
 
     def __init__(self, node: Node, output: Output) -> None:
-        """Publish with ``output`` of ``node``."""
+        """Publish through ``output`` of ``node``."""
         self._node, self._output = node, output
         self._writer: MarkersWriter | None = None
         self._timer: Timer | None = None
@@ -93,10 +93,10 @@ class MarkerPublisher:
         self._rate = 0.0
 
     def describe(self, writer: MarkersWriter, rate: float, arm: Arm) -> None:
-        """Draw ``arm`` with ``writer`` from now on, at ``rate`` [Hz] at most; 0 for each shape.
+        """Draw ``arm`` with ``writer`` from now on, at ``rate`` [Hz] at most; 0 for every shape.
 
-        Markers of another arm are deleted first. Of the same one they are replaced, as where
-        another hypothesis has become the most probable.
+        Markers of another arm are deleted first. Markers of the same arm are replaced, for example
+        when another hypothesis has become the most probable.
         """
         if arm is not self._arm:
             self._is_clean, self._largest = False, 0.0
@@ -111,7 +111,7 @@ class MarkerPublisher:
             self._timer.cancel()
 
     def stop(self) -> None:
-        """Publish nothing until `describe`."""
+        """Publish nothing until `describe` is called."""
         self._stop_timer()
         self._waiting = self._writer = self._arm = None
 
@@ -127,9 +127,9 @@ class MarkerPublisher:
     def publish(
         self, backbone: Backbone, stamp: Stamp, more: Callable[[], bytes] | None = None
     ) -> None:
-        """Publish this backbone now, or at the next timer if there is no newer one by then.
+        """Publish this backbone now, or when the timer fires unless there is a newer one by then.
 
-        ``more`` makes a message of further markers that go with it.
+        ``more`` makes a message with further markers of the same shape.
         """
         if not self._output.is_heard:
             self.forget()
@@ -143,7 +143,7 @@ class MarkerPublisher:
             self._timer.reset()
 
     def _on_time(self) -> None:
-        """Publish the backbone that waits; if none does, the next is published at once."""
+        """Publish the backbone that waits; if none waits, the next is published at once."""
         draw, self._waiting = self._waiting, None
         if draw is not None:
             with until_shutdown(self._node.context):
@@ -155,10 +155,10 @@ class MarkerPublisher:
         if self._writer is None:
             return
         if not self._is_clean:
-            # Markers of the arm before may still be shown.
+            # Markers of the previous arm may still be shown.
             self._output.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             self._is_clean = True
-        # Red is the largest tension so far: colours stay comparable over time.
+        # Red is the largest tension so far, so that colours stay comparable over time.
         self._largest = max(self._largest, float(backbone.tensions.max()))
         data = self._writer.write(backbone, *stamp, self._largest or None)
         self._output.publish(data)
@@ -171,7 +171,7 @@ OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED_QOS = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-# As in tf2_ros; frames of many nodes share the topic.
+# The same depth as in tf2_ros, because many nodes share the topic.
 TF_TOPIC = '/tf'
 TF_QOS = QoSProfile(depth=100)
 
@@ -183,7 +183,7 @@ class BackbonePublishers:
         """Create the publishers on ``node``.
 
         Raises:
-            ConfigError: if an override of a QoS policy cannot be; then there are none.
+            ConfigError: if an override of a QoS policy is impossible; all are destroyed then.
         """
         self._node = node
         self._opened: list[Output] = []
@@ -197,10 +197,10 @@ class BackbonePublishers:
         self._drawing = MarkerPublisher(node, self._open(MarkerArray, MARKERS_TOPIC))
         kind = frames_class(node)
         self._transforms = None if kind is None else self._open(kind, TF_TOPIC, TF_QOS)
-        self._solver: Solver | None = None  # until `describe`, as all writers
+        self._solver: Solver | None = None  # set by `describe`, as all writers are
 
     def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Output:
-        """Create a publisher; a bad QoS override is a ConfigError, and leaves no publishers."""
+        """Create a publisher; an impossible QoS override destroys all and is a ConfigError."""
         try:
             output = Output(self._node, kind, topic, qos)
         except ConfigError:
@@ -259,12 +259,12 @@ class BackbonePublishers:
     ) -> None:
         """Publish one backbone.
 
-        ``covariance`` (6, 6) is that of the tip; None where `is_tip_heard` has said that it need
-        not be known. ``more`` makes a message of further markers.
+        ``covariance`` (6, 6) is that of the tip pose, or None, which publishes no tip pose.
+        ``more`` makes a message with further markers.
         """
         if covariance is not None:
             self._tip.publish(self._writer.tip_pose(backbone, covariance, *stamp))
-        # Published before the next one is written, for the least latency of each.
+        # Each message is published before the next one is written, for the least latency.
         for output, write in self._written:
             if output.is_heard:
                 output.publish(write(backbone, *stamp))
@@ -276,13 +276,13 @@ class BackbonePublishers:
         return self._writer.tendon_lengths(lengths, backbone.tensions, sec, nanosec)
 
     def publish_tensions(self, backbone: Backbone, stamp: Stamp) -> None:
-        """Publish the tensions that hold the tendons driven by length, and those of the others."""
+        """Publish the tensions of all tendons, also of those driven by length."""
         if self._estimates.is_heard:
             self._estimates.publish(self._writer.tensions(backbone.tensions, *stamp))
 
 
 def frames_class(node: Node) -> Any | None:
-    """The class ``tf2_msgs/msg/TFMessage``; None, and a log line of ``node``, without tf2_msgs.
+    """Return the class ``tf2_msgs/msg/TFMessage``; without tf2_msgs log that and return None.
 
     tf2_msgs is in every ROS installation but has no Python wheel; ``tools/prepare.py`` builds it.
     """

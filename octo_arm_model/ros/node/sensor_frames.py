@@ -1,4 +1,4 @@
-"""Where the frames of sensors are, from /tf_static and /tf."""
+"""Poses of the frames of sensors, from /tf_static and /tf."""
 
 import math
 from collections.abc import Callable
@@ -21,30 +21,30 @@ from octo_arm_model.wire.messages import Stamp
 
 _STATIC_TOPIC = '/tf_static'
 _STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_HISTORY = 10 * 10**9  # [ns] of moving frames, as of tf2
+_HISTORY = 10 * 10**9  # [ns] for which poses of moving frames are kept, as in tf2
 _MOST = 1000  # frames
 _LARGEST = 1000  # transforms of one message
 
 
 class SensorFrames:
-    """Listens to transforms from the first message in another frame than the arm's on.
+    """Listens to transforms once a message is in another frame than that of the arm.
 
-    To those that move no longer than until the static ones lead to every such frame: there are
-    many of them, among them this node's own.
+    It listens to /tf only while static transforms do not lead to every such frame: /tf has many
+    transforms, among them those that this node publishes.
     """
 
     def __init__(self, node: Node, on_change: Callable[[], None]) -> None:
-        """Listen to nothing yet; ``on_change`` is called when there are further transforms."""
+        """Create it without subscriptions; ``on_change`` is called after new transforms."""
         self._node, self._log, self._on_change = node, RefusalLog(node), on_change
         self._subscriptions: dict[str, Subscription] = {}
         self._tree = TransformTree()
         self._moving = set[str]()  # frames that static transforms do not lead to
 
     def open(self) -> None:
-        """Check policies that are given of what may be listened to later.
+        """Check the QoS overrides of the topics that may be subscribed to later.
 
         Raises:
-            OctoArmError: if one cannot be.
+            OctoArmError: if an override of a QoS policy has an impossible value.
         """
         for topic, qos in ((_STATIC_TOPIC, _STATIC_QOS), (TF_TOPIC, TF_QOS)):
             if is_overridden(self._node, 'subscription', topic):
@@ -52,18 +52,18 @@ class SensorFrames:
         self.close()
 
     def close(self) -> None:
-        """Listen no more, and forget all."""
+        """Unsubscribe, and forget all transforms."""
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self._subscriptions, self._tree = {}, TransformTree()
         self._moving.clear()
 
     def pose_of(self, frame: str, target: str, stamp_ns: int) -> Pose:
-        """Pose of ``frame`` in ``target`` at ``stamp_ns`` [ns].
+        """Return the pose of ``frame`` in ``target`` at ``stamp_ns`` [ns].
 
         Raises:
-            NotKnownYet: if transforms lead to it, and not yet for that time.
-            MeasurementError: if it is not known.
+            NotKnownYet: if transforms lead to it, but not yet for that time.
+            MeasurementError: if the pose is not known.
         """
         self._listen_for(frame, target)
         try:
@@ -76,28 +76,28 @@ class SensorFrames:
             raise MeasurementError(reason) from None
 
     def are_fixed(self, frame: str, other: str) -> bool:
-        """Whether static transforms that are known lead from one ``frame`` to the other."""
+        """Whether known static transforms lead from ``frame`` to ``other``."""
         are_fixed = math.isinf(self._known_until(frame, other, 0.0))
         if are_fixed:
-            self._listen_for(frame, other)  # no longer to those that move
+            self._listen_for(frame, other)  # /tf is no longer needed for this frame
         return are_fixed
 
     def is_beyond(self, frame: str, other: str) -> bool:
-        """Whether transforms that are known lead to ``frame`` by the ``other``."""
+        """Whether known transforms lead from the root to ``frame`` through ``other``."""
         try:
             return other in self._tree.chain(frame)
         except MeasurementError:
             return False
 
     def _known_until(self, frame: str, target: str, otherwise: float = math.inf) -> float:
-        """The last stamp of known poses [ns]; ``otherwise`` where no transforms lead there."""
+        """Return the last stamp of known poses [ns], or ``otherwise`` if no transforms connect."""
         try:
             return self._tree.known_until(frame, target)
         except MeasurementError:
             return otherwise
 
     def _listen_for(self, frame: str, target: str) -> None:
-        """Listen to what may lead from ``frame`` to ``target``."""
+        """Subscribe to the topics that may connect ``frame`` to ``target``."""
         if math.isinf(self._known_until(frame, target, 0.0)):
             self._moving.discard(frame)
         elif len(self._moving) < _MOST:
@@ -125,30 +125,30 @@ class SensorFrames:
             problem = f'it has {count} transforms, expected at most {_LARGEST}'
             self._log.warn(topic, MeasurementError(problem))
             return
-        for one in message.transforms:
+        for transform in message.transforms:
             try:
-                self._add(one, topic == _STATIC_TOPIC)
+                self._add(transform, topic == _STATIC_TOPIC)
             except OctoArmError as error:
-                frame = one.child_frame_id[:99]
+                frame = transform.child_frame_id[:99]
                 self._log.warn(topic, MeasurementError(f'{frame!r}: {in_short(error)}'))
         self._tree.forget(_HISTORY)
         self._on_change()
 
-    def _add(self, one: Any, is_static: bool) -> None:
-        shift, turn = one.transform.translation, one.transform.rotation
+    def _add(self, transform: Any, is_static: bool) -> None:
+        translation, rotation = transform.transform.translation, transform.transform.rotation
         pose = Pose.called(
             'transform.translation',
             'transform.rotation',
-            (shift.x, shift.y, shift.z),
-            (turn.x, turn.y, turn.z, turn.w),
+            (translation.x, translation.y, translation.z),
+            (rotation.x, rotation.y, rotation.z, rotation.w),
         )
-        stamp = Stamp.of(one.header.stamp).ns
+        stamp = Stamp.of(transform.header.stamp).ns
         frames = self._tree.frames
-        if len(frames) >= _MOST and one.child_frame_id not in frames:
+        if len(frames) >= _MOST and transform.child_frame_id not in frames:
             raise MeasurementError(f'there are {_MOST} frames already, which is the most')
         self._tree.add(
-            one.header.frame_id,
-            one.child_frame_id,
+            transform.header.frame_id,
+            transform.child_frame_id,
             stamp,
             np.array(pose.position),
             np.array(pose.quaternion),

@@ -1,4 +1,4 @@
-"""What the nodes of an arm share: parameters, diagnostics, tensions and the publishers."""
+"""What the nodes of an arm share: parameters, diagnostics, tension inputs and publishers."""
 
 import functools
 from abc import ABC, abstractmethod
@@ -30,12 +30,12 @@ from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMe
 
 @dataclass(frozen=True)
 class Prepared:
-    """An arm ready to be solved, swapped as a whole.
+    """An arm ready to be solved; a change of parameters replaces it as a whole.
 
     Attributes:
-        description: the parameters it was made from, as a parameter file.
-        config: what they say.
-        solver: its solver.
+        description: the parameters of the arm, as a parameter file.
+        config: the configuration that the parameters describe.
+        solver: solver of the arm.
     """
 
     description: str
@@ -55,10 +55,10 @@ class Prepared:
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> 'Prepared':
-        """Prepare the arm that ``values`` describe.
+        """Prepare the arm that the parameters ``values`` describe.
 
         Raises:
-            OctoArmError: if they do not describe one; the message says why.
+            OctoArmError: if they do not describe an arm; the message says why.
         """
         config = Config.from_parameters(values)
         for kind in filter(None, (config.tension_type, config.displacement_type)):
@@ -67,7 +67,7 @@ class Prepared:
 
 
 def describe(values: Mapping[str, Any]) -> str:
-    """The parameter file of ``values``; ConfigError if it is larger than those that are read."""
+    """Return the parameter file of ``values``; ConfigError if it is too large to be read."""
     text = parameters_as_yaml(values)
     if len(text) > MAX_YAML_BYTES:
         raise ConfigError(
@@ -83,10 +83,10 @@ PublishersT = TypeVar('PublishersT', bound=BackbonePublishers)
 
 
 class Server(ABC, Generic[ArmT, PublishersT]):
-    """Answers tensions, and the other inputs of a node, on behalf of that node.
+    """Answers the tensions and the other inputs of a node.
 
     `configure` loads the arm, `activate` starts answering, `deactivate` stops and `cleanup` frees
-    what `configure` took.
+    what `configure` created.
     """
 
     def __init__(
@@ -98,10 +98,10 @@ class Server(ABC, Generic[ArmT, PublishersT]):
     ) -> None:
         """Declare the parameters ``table`` of ``node``.
 
-        ``prepare`` makes an arm of them, see `LiveParameters`, and ``publishers`` what publishes.
+        ``prepare`` makes an arm from their values; ``publishers`` creates the publishers.
 
         Raises:
-            ConfigError: if a value is of another type than ROS needs.
+            ConfigError: if a value has the wrong type.
         """
         self._node, self._make_publishers = node, publishers
         self._live = LiveParameters(node, table, prepare, self._use)
@@ -112,7 +112,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._diagnostics = Diagnostics(node, self._inputs)
         self._diagnostics.end('unconfigured')
         self._refusal_log = RefusalLog(node)
-        # Messages of types that parameters name, by topic, while it is active.
+        # While the server is active: the messages whose types parameters name, by topic.
         self._fields: dict[str, FieldMessage] | None = None
 
     def configure(self) -> None:
@@ -127,12 +127,12 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._diagnostics.end('inactive')
 
     def activate(self) -> None:
-        """Start answering; ConfigError if an override of a QoS policy cannot be."""
+        """Start answering; ConfigError if an override of a QoS policy has an impossible value."""
         for topic, message in TENSION_TOPICS.items():
             self._subscribe_to_tensions(topic, message)
         self._frames.open()
         self._open()
-        self._fields = self._wanted_fields()
+        self._fields = self._field_messages()
         for topic in self._fields:
             self._open_field(topic)
         self._diagnostics.begin()
@@ -149,7 +149,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._diagnostics.end('inactive')
 
     def cleanup(self, state: str = 'unconfigured') -> None:
-        """Free the arm and its publishers; the node is in a ``state`` of its life from now on."""
+        """Free the arm and its publishers; the node is in the lifecycle ``state`` from now on."""
         self._live.end()
         if self._publishers is not None:
             self._publishers.close()
@@ -158,34 +158,34 @@ class Server(ABC, Generic[ArmT, PublishersT]):
 
     @abstractmethod
     def _open(self) -> None:
-        """Offer and subscribe to what there is besides tensions."""
+        """Create the services, and the subscriptions besides those to tensions."""
 
     @abstractmethod
     def _close(self) -> None:
-        """End what `_open` began, or as much of it as was."""
+        """Destroy what `_open` has created, also if it failed halfway."""
 
     @abstractmethod
     def _change_arm(self, before: ArmT | None, now: ArmT) -> None:
-        """Go on with the arm ``now``, after that ``before`` if there was one."""
+        """Replace the arm ``before``, if there was one, by the arm ``now``."""
 
     @abstractmethod
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
-        """Answer readings of load cells [N], of `Arm.tension_shape`; OctoArmError if refused."""
+        """Answer load cell readings [N] of `Arm.tension_shape`; OctoArmError if refused."""
 
     @abstractmethod
     def _on_motors(self, field: str, topic: str, message: Any) -> None:
-        """Answer a ``field`` of what encoders of winches read; OctoArmError if refused."""
+        """Answer the encoder readings in the ``field`` of a message; OctoArmError if refused."""
 
     def _subscribe_to_tensions(self, topic: str, message: TensionMessage | FieldMessage) -> None:
-        def take(name: str, given: Any) -> None:
+        def take(name: str, reading: Any) -> None:
             config = self._arm.config
-            readings = message.read(given, config.arm, config.load_cells.names)
-            self._on_readings(name, stamp_of(given), readings)
+            readings = message.read(reading, config.arm, config.load_cells.names)
+            self._on_readings(name, stamp_of(reading), readings)
 
         kind = message_class(message.type_name)
         self._inputs.subscribe(kind, topic, take, is_apart=False)
 
-    def _wanted_fields(self) -> dict[str, FieldMessage]:
+    def _field_messages(self) -> dict[str, FieldMessage]:
         config = self._arm.config
         return {
             TENSIONS_FIELD: FieldMessage(config.tension_type, config.tension_field),
@@ -195,15 +195,15 @@ class Server(ABC, Generic[ArmT, PublishersT]):
     def _update_fields(self) -> None:
         if self._fields is None:
             return
-        before, self._fields = self._fields, self._wanted_fields()
+        before, self._fields = self._fields, self._field_messages()
         for topic, message in self._fields.items():
             if message != before[topic]:
-                # A topic may have another type once the executor has let go of the subscription.
+                # A topic can change its type only after the executor releases the subscription.
                 self._inputs.unsubscribe(topic)
                 self._inputs.work.add(partial(self._open_field, topic))
 
     def _open_field(self, topic: str) -> bool:
-        """Subscribe to ``topic`` if parameters name a type, and it is not yet."""
+        """Subscribe to ``topic`` if parameters name its type and it is not open; return False."""
         message = FieldMessage('', '') if self._fields is None else self._fields[topic]
         if not message.type_name or self._inputs.is_open(topic):
             return False
@@ -218,7 +218,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         return False
 
     def _use(self, prepared: ArmT, names: set[str]) -> None:
-        """Answer with the arm ``prepared`` from now on, between two messages."""
+        """Use the arm ``prepared`` from now on; called between two messages."""
         assert self._publishers is not None
         config, solver = prepared.config, prepared.solver
         before, self._prepared = self._prepared, prepared
@@ -230,7 +230,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
 
     @property
     def _arm(self) -> ArmT:
-        """The present arm, which there is while anything is answered."""
+        """The present arm, which is set while messages are answered."""
         assert self._prepared is not None
         return self._prepared
 

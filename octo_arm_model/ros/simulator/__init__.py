@@ -1,1 +1,1 @@
-"""The node of the simulator: commands in; what load cells, encoders and other sensors read out."""
+"""The node of the simulator: commands in; readings of load cells, encoders and sensors out."""

@@ -1,11 +1,11 @@
-"""The node ``octo_arm_sim``: stands in for winches and load cells.
+"""The node ``octo_arm_sim``: simulates winches, load cells and, if wanted, the arm.
 
-Commanded tensions in, measured tensions out, on the topic that `octo_arm_node` listens to. What
-load cells do not see, the tensions as they are, seen through an arm that gives way, goes to
+It takes commanded tensions and publishes measured tensions on the topic of `octo_arm_node`. The
+true tensions, without errors of load cells and with the motion of the arm, are published on
 ``ground_truth/tendon_tensions``: another `octo_arm_node`, in the namespace ``ground_truth``, then
-has the shape that the arm really has. Winches are commanded by tension or, those that are named on
-``tendon_commands/displacements``, by length; what their encoders read goes out where wanted. The
-arm may be pushed, and seen by sensors on ``measured/...``, which `octo_arm_estimator` hears.
+computes the true shape of the arm. Winches are commanded by tension, or by length if they are
+named on ``tendon_commands/displacements``; readings of their encoders are published on request.
+The arm may be pushed, and its sensors publish on ``measured/...`` for `octo_arm_estimator`.
 """
 
 import math
@@ -61,7 +61,7 @@ class SimulatorNode(CheckedNode):
         """
         super().__init__('octo_arm_sim', **options)
         self._configured: SimulatorConfig | None = None
-        self._folder: Path | None = None  # of files of states
+        self._folder: Path | None = None  # of the files that states are saved to
         self._set_point: FloatArray = np.zeros(0)
         self._measured, self._effective = (
             topics.create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
@@ -92,7 +92,7 @@ class SimulatorNode(CheckedNode):
         steady_timer(self, diagnostics.PERIOD, self._report)
 
     def _prepare(self, values: dict[str, Any]) -> SimulatorConfig:
-        """Check the parameters: over the network services get no other folder to write to."""
+        """Check the parameters; a change must not give services another folder to write to."""
         config = SimulatorConfig.from_parameters(values)
         file = config.course.state_file
         if self._configured is None:
@@ -105,31 +105,31 @@ class SimulatorNode(CheckedNode):
         return config
 
     def _use(self, config: SimulatorConfig, names: set[str]) -> None:
-        """Use ``config`` from now on, of whose parameters ``names`` were set."""
-        before, self._configured = self._configured, config
+        """Use ``config`` from now on; ``names`` are the parameters that were set."""
+        previous, self._configured = self._configured, config
         if any(name.startswith('push.') for name in names):
             self._push.forget()
         tendons = config.model.arm.tendon_names
-        if before is None:
+        if previous is None:
             self._drive = TendonDrive(config)
         else:
             for lost in self._drive.go_on_with(config):
                 self.get_logger().warning(lost)
-        if before is None or tendons != before.model.arm.tendon_names:
+        if previous is None or tendons != previous.model.arm.tendon_names:
             self._command: FloatArray = np.zeros(len(tendons))
         elif (self._command > config.limits).any():
             self._command = np.minimum(self._command, config.limits)
             self.get_logger().warning('tendons go down to their new limits')
-        if before is None or 'profile.name' in names:
+        if previous is None or 'profile.name' in names:
             self._is_playing, self._played = config.profile is not None, 0.0
             if self._is_playing and self._drive.held:
-                driven = ' '.join(self._drive.held)
-                self.get_logger().warning(f'the profile leaves out, as driven by length: {driven}')
+                held = ' '.join(self._drive.held)
+                self.get_logger().warning(f'the profile leaves out, as driven by length: {held}')
         self._time.use(config.course)
 
     @property
     def _config(self) -> SimulatorConfig:
-        """The present one, which there is before anything is subscribed to or published."""
+        """The present configuration, which is set before any subscription exists."""
         assert self._configured is not None
         return self._configured
 
@@ -145,35 +145,36 @@ class SimulatorNode(CheckedNode):
         tensions: Mapping[str, float],
         lengths: Mapping[str, float],
     ) -> None:
-        """Follow a ``command`` of ``tensions``, but of tendons that are held, and ``lengths``."""
+        """Use ``command`` [N]; record ``tensions`` [N] of free tendons and ``lengths`` [m]."""
         self._command, self._is_playing = command, False
         held = self._drive.held
-        pulled = {name: ('N', float(one)) for name, one in tensions.items() if name not in held}
-        self._commanders.note(topic, pulled | {name: ('m', one) for name, one in lengths.items()})
+        pulled = {name: ('N', float(pull)) for name, pull in tensions.items() if name not in held}
+        driven = {name: ('m', length) for name, length in lengths.items()}
+        self._commanders.note(topic, pulled | driven)
 
     def _on_joints(self, topic: str, message: JointState) -> None:
-        """Pull, or reel in, the tendons that are named from now on; others go on as they do."""
+        """Drive the named tendons by tension or by length; the others keep their command."""
         arm = self._config.model.arm
         tensions, lengths = read_joint_commands(message, arm)
-        wanted = [tensions.get(*named) for named in zip(arm.tendon_names, self._command)]
-        command = check_command(arm, np.array(wanted), self._config.limits)
-        left = {name: length for name, length in self._drive.held.items() if name not in tensions}
-        if lengths or left != self._drive.held:
-            self._drive.hold({**left, **lengths}, command)
+        requested = [tensions.get(*item) for item in zip(arm.tendon_names, self._command)]
+        command = check_command(arm, np.array(requested), self._config.limits)
+        held = {name: length for name, length in self._drive.held.items() if name not in tensions}
+        if lengths or held != self._drive.held:
+            self._drive.hold({**held, **lengths}, command)
         self._follow(topic, command, tensions, lengths)
 
     def _on_lengths(self, topic: str, message: JointState) -> None:
-        found = read_displacements(message, self._config.model.arm)
-        self._drive.hold(found, self._command)
-        self._follow(topic, self._command, {}, found)
+        lengths = read_displacements(message, self._config.model.arm)
+        self._drive.hold(lengths, self._command)
+        self._follow(topic, self._command, {}, lengths)
 
     def _on_push(self, topic: str, message: Vector3Stamped) -> None:
         self._push.hold(message, self._config, self._moving_arm())
 
     def _on_base(self, topic: str, message: PoseStamped) -> None:
         services.check_frame(message.header, self._config, 'pose')
-        position, turn = message.pose.position, message.pose.orientation
-        pose = Pose((position.x, position.y, position.z), (turn.x, turn.y, turn.z, turn.w))
+        position, q = message.pose.position, message.pose.orientation
+        pose = Pose((position.x, position.y, position.z), (q.x, q.y, q.z, q.w))
         self._moving_arm().surroundings.move_base(pose)
 
     def _on_current(self, topic: str, message: Vector3Stamped) -> None:
@@ -190,7 +191,7 @@ class SimulatorNode(CheckedNode):
         return arm
 
     def _reset(self) -> None:
-        """Begin anew: slack tendons, no commands, the arm at rest and without history."""
+        """Reset the simulation: slack tendons, no commands, the arm at rest without history."""
         config = self._config
         self._drive, self._command = TendonDrive(config), np.zeros(len(config.model.arm.tendons))
         if config.pushed_arm is not None:
@@ -199,7 +200,7 @@ class SimulatorNode(CheckedNode):
         self._push.forget()
         self._outputs.time = 0.0
 
-    def _stored(self) -> tuple[DynamicArm, Path]:
+    def _state_file(self) -> tuple[DynamicArm, Path]:
         arm, file = self._config.pushed_arm, self._config.course.state_file
         if not isinstance(arm, DynamicArm):
             raise ConfigError('dynamics is false, expected true to save or restore a state')
@@ -221,14 +222,15 @@ class SimulatorNode(CheckedNode):
         }
 
     def _save(self) -> None:
-        arm, path = self._stored()
+        arm, path = self._state_file()
         arm.save(path, self._state())
 
     def _restore(self) -> None:
-        """Go on from that state, with its commands; noise goes on as it is."""
-        arm, path = self._stored()
+        """Read a saved state and continue from it with its commands; noise is not restored."""
+        arm, path = self._state_file()
         config, names = self._config, self._config.model.arm.tendon_names
-        state, values = arm.read(path, {name: one.shape for name, one in self._state().items()})
+        shapes = {name: array.shape for name, array in self._state().items()}
+        state, values = arm.read(path, shapes)
         check_values(values['surroundings'], state.base)
         for tensions in (values['command'], *values['hardware'][:-1]):
             check_command(config.model.arm, tensions, config.limits)
@@ -244,7 +246,7 @@ class SimulatorNode(CheckedNode):
         arm.restore(state, values['surroundings'])
 
     def _step(self, elapsed: float, now: RosTime) -> None:
-        """Advance winches, load cells and arm by ``elapsed`` [s], to the time ``now``."""
+        """Advance winches, load cells and arm by ``elapsed`` [s], up to the time ``now``."""
         config = self._config
         if self._is_playing and config.profile is not None:
             self._command = config.profile.at(self._played, loop=config.playing.loop)
@@ -253,20 +255,20 @@ class SimulatorNode(CheckedNode):
         try:
             self._set_point = self._drive.set_points(self._command)
         except OctoArmError as error:
-            # Winches stay where they are.
+            # The winches keep their last set point.
             self._diagnostics.log.warn(self._lengths.topic, error)
         effective = self._drive.advance(self._set_point, elapsed)
-        pushed = self._push.at(self._outputs.time + elapsed)
-        is_moved = config.pushed_arm is not None
-        # Where a call comes more than a period late, the arm is slower than a clock that goes on.
-        most = 2.0 / course.rate if is_moved and not course.publish_clock else math.inf
-        of_arm = min(elapsed, most)
-        self._diagnostics.counts['simulated'] += of_arm
+        push_force = self._push.at(self._outputs.time + elapsed)
+        has_moved = config.pushed_arm is not None
+        # If a call is more than a period late, the arm falls behind a clock that is not its own.
+        longest = 2.0 / course.rate if has_moved and not course.publish_clock else math.inf
+        arm_step = min(elapsed, longest)
+        self._diagnostics.counts['simulated'] += arm_step
         try:
-            effective = self._drive.move(effective, pushed, of_arm)
+            effective = self._drive.move(effective, push_force, arm_step)
         except OctoArmError as error:
             self._fail(error)
-            is_moved = False
+            has_moved = False
             self._outputs.time += elapsed
         self._effective.publish(
             topics.tensions_message(effective, model.arm, stamp, model.base_frame)
@@ -279,8 +281,8 @@ class SimulatorNode(CheckedNode):
             self._diagnostics.counts['published'] += 1
         if config.hardware.winches.encoders:
             self._publish_encoders(effective, stamp)
-        if is_moved:
-            self._outputs.publish(config, pushed, elapsed, stamp)
+        if has_moved:
+            self._outputs.publish(config, push_force, elapsed, stamp)
 
     def _fail(self, error: OctoArmError) -> None:
         self._diagnostics.fail(error)
@@ -304,7 +306,7 @@ class SimulatorNode(CheckedNode):
         model = self._config.model
         message = topics.tensions_message(readings, model.arm, stamp, model.base_frame)
         if names := model.load_cells.names:
-            # Under the names that the node expects, and of the tendons that have a load cell.
+            # The message has the names that the node expects, and only tendons with a load cell.
             cells = [number for number, name in enumerate(names) if name != NONE]
             message.name = [names[number] for number in cells]
             message.tension = readings.ravel()[cells].tolist()

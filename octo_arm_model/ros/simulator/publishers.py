@@ -1,4 +1,4 @@
-"""What the simulator publishes: other sensors, the true shape of a moving arm, diagnostics."""
+"""Outputs of the simulator besides tensions: sensors, true shape and motion, diagnostics."""
 
 import math
 import time
@@ -37,12 +37,12 @@ TRUE_WRENCH = 'ground_truth/tip_wrench'
 
 
 class ArmPublishers:
-    """Publishes what sensors measure of an arm, each at its rate, and how one moves.
+    """Publishes the readings of sensors, each at its rate, and the motion of a dynamic arm.
 
-    That is the shape as it is, and tendons as joints: reeled in, rate, tension.
+    The motion has the true shape, and the tendons as joints with displacement, rate and tension.
 
     Attributes:
-        time: by which the periods of sensors and push go [s].
+        time: simulated time, which sets the periods of sensors and push [s].
     """
 
     def __init__(self, node: Node) -> None:
@@ -63,19 +63,19 @@ class ArmPublishers:
         self._described: tuple[Config, BackboneWriter] | None = None
 
     def forget(self) -> None:
-        """Take the next state for one at which tendons stand still, as it follows none."""
+        """Forget the last displacements, so that the next state has tendons at zero rate."""
         self._last = None
 
     def publish(
         self, config: SimulatorConfig, pushed: FloatArray, elapsed: float, stamp: Time
     ) -> None:
-        """Publish what is due after ``elapsed`` [s], of an arm ``pushed`` by a force (3,) [N]."""
+        """Publish what is due after ``elapsed`` [s]; ``pushed`` (3,) is the push force [N]."""
         arm, sensors = config.pushed_arm, config.sensors
         assert arm is not None
         before, self.time = self.time, self.time + elapsed
         header = Header(stamp=stamp, frame_id=config.model.base_frame)
         if config.push.is_at_tip(config.model.arm.length):
-            # What a node of the true shape needs beside the true tensions.
+            # A node that computes the true shape needs this besides the true tensions.
             self._truth.publish(_wrench(header, np.append(pushed, np.zeros(3))))
         pose_due, markers_due, wrench_due = (
             math.floor(rate * self.time) > math.floor(rate * before) for rate in sensors.rates
@@ -94,23 +94,23 @@ class ArmPublishers:
             )
         if wrench_due:
             measured = arm.base_wrench()
-            # About the origin of base_frame, as its header says.
+            # The moment is about the origin of base_frame, which the header names.
             measured[3:] += np.cross(arm.backbone.position[0], measured[:3])
             self._wrench.publish(_wrench(header, measured))
         if isinstance(arm, DynamicArm):
             self._publish_motion(config.model, arm, header)
 
     def _publish_motion(self, config: Config, arm: DynamicArm, header: Header) -> None:
-        shape, known = arm.backbone, np.zeros((6, 6))
+        shape, zero = arm.backbone, np.zeros((6, 6))
         if self._described is None or self._described[0] is not config:
             writer = BackboneWriter(config.base_frame, shape.model, shape.s, shape.section)
             self._described = config, writer
-        messages = self._described[1].all(shape, known, header.stamp.sec, header.stamp.nanosec)
+        messages = self._described[1].all(shape, zero, header.stamp.sec, header.stamp.nanosec)
         for publisher, data in zip(self._shapes, messages, strict=True):
             publisher.publish(data)
         reeled_in, time = arm.reeled_in(), arm.state.time
         rate = np.zeros(reeled_in.size)
-        if self._last is not None and self._last[0] < time:  # another arm begins at 0
+        if self._last is not None and self._last[0] < time:  # the time of another arm starts at 0
             rate = (reeled_in - self._last[1]) / (time - self._last[0])
         self._last = time, reeled_in
         message = JointState(header=header, name=list(config.arm.tendon_names))
@@ -120,27 +120,27 @@ class ArmPublishers:
 
 
 def _wrench(header: Header, values: FloatArray) -> WrenchStamped:
-    """Force and moment (6,) [N, N m] as a message."""
+    """Return a message with force and moment ``values`` (6,) [N, N m]."""
     force, torque = (Vector3(x=x, y=y, z=z) for x, y, z in values.reshape(2, 3).tolist())
     return WrenchStamped(header=header, wrench=Wrench(force=force, torque=torque))
 
 
-# What is commanded, and the value [N] or [m], by tendon.
+# The commanded quantity, by its unit N or m, and its value, by tendon.
 Command = Mapping[str, tuple[str, float]]
-_SWITCHES = 3  # from one to another that make a contradiction: one is a handover
-_APART = 1e9  # distance of commands of other quantities
+_SWITCHES = 3  # changes of the publisher that make a contradiction: one is a handover
+_APART = 1e9  # distance between commands of different quantities
 
 
 class Commanders:
-    """Finds commands that contradict each other.
+    """Detects publishers whose commands contradict each other.
 
-    rclpy does not tell which publisher a message is from. A command that is nearer to the one
-    before the last than to the last is taken for that of another publisher of its topic, where
-    there are several; that of another topic always, unless they are equal.
+    rclpy does not tell which publisher a message is from. If a topic has several publishers, a
+    command nearer to the one before the last than to the last counts as that of another publisher.
+    A command on another topic always does, unless it equals the last command.
     """
 
     def __init__(self, node: Node) -> None:
-        """Of the commands that ``node`` hears."""
+        """Watch the commands that ``node`` receives."""
         self._node = node
         self._last: tuple[str, Command] | None = None
         self._before: dict[str, Command] = {}
@@ -148,7 +148,7 @@ class Commanders:
         self._topics: Counter[str] = Counter()
 
     def note(self, topic: str, command: Command) -> None:
-        """Take note of an accepted ``command`` on ``topic``."""
+        """Record an accepted ``command`` on ``topic``."""
         last, self._last = self._last, (topic, command)
         if last is None:
             return
@@ -165,42 +165,42 @@ class Commanders:
             self._topics.update((topic, last[0]))
 
     def report(self) -> str:
-        """Which commanders have contradicted each other lately; empty for none."""
+        """Return a sentence about recent contradictions, with the publishers' names, or ''."""
         switches, self._switches = self._switches, self._switches // 2
         topics, self._topics = sorted(self._topics), Counter()
         if switches < _SWITCHES or not topics:
             return ''
-        named = []
+        sources = []
         for topic in topics:
-            found = self._node.get_publishers_info_by_topic(topic)
-            names = {f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in found}
-            named.append(f'{topic} of {", ".join(sorted(names)) or "nobody any more"}')
-        return f'commanders contradict each other: {"; ".join(named)}'
+            infos = self._node.get_publishers_info_by_topic(topic)
+            names = {f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos}
+            sources.append(f'{topic} of {", ".join(sorted(names)) or "nobody any more"}')
+        return f'commanders contradict each other: {"; ".join(sources)}'
 
 
-def _distance(one: Command, other: Command) -> float:
-    """How far two commands are apart, in the tendons that both name."""
+def _distance(command: Command, other: Command) -> float:
+    """Return the distance between two commands, summed over the tendons that both name."""
     distance = 0.0
-    for name in one.keys() & other.keys():
-        (kind, value), (other_kind, other_value) = one[name], other[name]
+    for name in command.keys() & other.keys():
+        (kind, value), (other_kind, other_value) = command[name], other[name]
         distance += abs(value - other_value) if kind == other_kind else _APART
     return distance
 
 
-PAUSED = 'nothing, as it is paused'  # source of one that stands still
+PAUSED = 'nothing, as it is paused'  # the source in the diagnostics of a paused simulator
 
 
 class SimulatorDiagnostics:
-    """Counts what a simulator is commanded and publishes.
+    """Counts the commands to a simulator and its readings, and publishes the counts.
 
     Attributes:
-        counts: of 'commands', those 'refused', readings 'published' and 'lost', steps 'failed',
-            and the time by which the arm went on, 'simulated' [s].
-        log: of what is refused.
+        counts: numbers of 'commands', of 'refused' ones, of readings 'published' and 'lost', of
+            'failed' steps, and the 'simulated' time of the arm [s].
+        log: log of refused messages.
     """
 
     def __init__(self, node: Node) -> None:
-        """Publish and warn by ``node``."""
+        """Publish and log through ``node``."""
         self._node, self.log = node, RefusalLog(node)
         self.counts = defaultdict[str, float](float)
         self._reported = {'time': time.monotonic()}
@@ -210,37 +210,37 @@ class SimulatorDiagnostics:
         )
 
     def count(self, older: int) -> None:
-        """Count a command, and the ``older`` ones that it replaces."""
+        """Count a command, and the number ``older`` of commands that it replaces."""
         self.counts['commands'] += 1 + older
 
     def refuse(self, topic: str, error: OctoArmError) -> None:
-        """Count a command on ``topic`` as refused, and say why."""
+        """Count a command on ``topic`` as refused, and log the reason."""
         self.counts['refused'] += 1
         self._reason = f'{topic}: {in_short(error)}'
         self.log.warn(topic, error)
 
     def fail(self, error: OctoArmError) -> None:
-        """Count a step of the arm as failed, and say why."""
+        """Count a step of the arm as failed, and log the reason."""
         self.counts['failed'] += 1
         self._failure = in_short(error)
         self.log.say('the arm stays as it was', self._failure)
 
     def publish(self, source: str, problem: str) -> None:
-        """Publish the counts since the last time.
+        """Publish the counts since the last call.
 
-        ``source`` is what the simulator follows, and ``problem`` what else is wrong.
+        ``source`` names what the simulator follows, and ``problem`` is a further problem or ''.
         """
-        counts, before = self.counts, self._reported
+        counts, previous = self.counts, self._reported
         counts['time'] = time.monotonic()
-        lately = defaultdict(
-            float, {name: n - before.get(name, 0.0) for name, n in counts.items()}
+        recent = defaultdict(
+            float, {name: n - previous.get(name, 0.0) for name, n in counts.items()}
         )
         self._reported = dict(counts)
-        period = lately['time']  # a step may take longer than a usual one
+        period = recent['time']  # measured, because a long step delays the call
         problems = [problem] if problem else []
-        if refused := lately['refused']:
+        if refused := recent['refused']:
             problems.append(f'{refused:.0f} refused: {self._reason}')
-        if failed := lately['failed']:
+        if failed := recent['failed']:
             problems.append(f'{failed:.0f} steps failed: {self._failure}')
         status = diagnostics.make_status(
             'simulator',
@@ -249,12 +249,12 @@ class SimulatorDiagnostics:
             f'following {source}',
             {
                 'source': source,
-                'commands [Hz]': f'{lately["commands"] / period:.1f}',
+                'commands [Hz]': f'{recent["commands"] / period:.1f}',
                 'refused': int(counts['refused']),
                 'last refusal': self._reason,
-                'readings [Hz]': f'{lately["published"] / period:.1f}',
+                'readings [Hz]': f'{recent["published"] / period:.1f}',
                 'readings lost': int(counts['lost']),
-                'real time factor': f'{lately["simulated"] / period:.2f}',
+                'real time factor': f'{recent["simulated"] / period:.2f}',
                 'failed steps': int(counts['failed']),
                 'last failure': self._failure,
             },

@@ -1,6 +1,6 @@
-"""When the simulator steps, and the services that stop, step, reset, save, restore and push it.
+"""The clock of the simulator, and its services: pause, step, reset, save, restore and push.
 
-As those of `simulation_interfaces` too, where that package is installed.
+If the package `simulation_interfaces` is installed, its services are offered as well.
 """
 
 import importlib
@@ -30,20 +30,20 @@ from octo_arm_model.simulation.pushed_arm import Push
 from octo_arm_model.simulation.simulator import Course, SimulatorConfig
 
 TOPIC = '/clock'
-_AGAIN = 1e-3  # [s] between slices of steps, in which others are answered
+_SLICE_PERIOD = 1e-3  # [s] from one slice of steps to the next, with time for other callbacks
 _QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class SimulationClock:
-    """Calls a function once a period.
+    """Calls a step function once a period, by the clock of the node or by its own time.
 
     Attributes:
         is_paused: whether time stands still.
-        period: of the steps [s].
+        period: period of the steps [s].
     """
 
     def __init__(self, node: Node, step: Callable[[float, Time], None]) -> None:
-        """Call ``step`` with the time that it goes on by [s] and the time then."""
+        """Call ``step`` with the length of the step [s] and the time at its end."""
         self._node, self._step = node, step
         self.is_paused = False
         self.period, self._is_own, self._slice = 0.0, False, 0.0
@@ -53,45 +53,45 @@ class SimulationClock:
         self._publisher: Publisher | None = None
 
     def use(self, course: Course) -> None:
-        """Step as ``course`` says from now on."""
+        """Use the rate, the real time factor and the kind of clock of ``course`` from now on."""
         is_own, factor = course.publish_clock, course.real_time_factor
-        before, self._pace = self._pace, (course.rate, is_own, factor)
-        if before == self._pace:
+        previous, self._pace = self._pace, (course.rate, is_own, factor)
+        if previous == self._pace:
             return
         self.period, self._is_own = 1.0 / course.rate, is_own
         self._slice = 0.0 if factor else SLICE
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
         if not is_own:
-            self._timer = self._node.create_timer(self.period, self._go_on)
+            self._timer = self._node.create_timer(self.period, self._follow_clock)
             return
         self._last = 0
         if self._publisher is None:
             self._publisher = create_publisher(self._node, ClockMessage, TOPIC, _QOS)
-        period = self.period / factor if factor else _AGAIN
-        self._timer = steady_timer(self._node, period, self._go_on_alone)
+        period = self.period / factor if factor else _SLICE_PERIOD
+        self._timer = steady_timer(self._node, period, self._run_freely)
 
     def reset(self) -> None:
-        """Begin anew, where time is the simulator's own."""
+        """Set the simulator's own time to zero."""
         self._time_ns = 0
 
     def step(self) -> None:
-        """Go on by one period, also while paused."""
+        """Advance by one period, also while paused."""
         self._advance(self.period, self._node.get_clock().now())
 
-    def _go_on(self) -> None:
+    def _follow_clock(self) -> None:
         clock_time = self._node.get_clock().now()
         now = clock_time.nanoseconds
         if now == self._last:
-            return  # where several clock messages wait, rclpy calls the timer once for each
-        # Time that is not set yet is 0. Where it jumps back, as when a bag is played again, the
+            return  # rclpy calls the timer once for each of several waiting clock messages
+        # A time of 0 is not set yet. If time jumps back, as when a bag is played again, the
         # winches do not move.
         elapsed = 1e-9 * (now - self._last) if self._last else self.period
         self._last = now
         if not self.is_paused:
             self._advance(max(elapsed, 0.0), clock_time)
 
-    def _go_on_alone(self) -> None:
+    def _run_freely(self) -> None:
         until = time.monotonic() + self._slice
         while not self.is_paused:
             self.step()
@@ -103,12 +103,12 @@ class SimulationClock:
             if self._is_own and self._publisher is not None:
                 self._time_ns += round(1e9 * elapsed)
                 now = Time(nanoseconds=self._time_ns)
-                # First, so that who hears what comes at this time knows it.
+                # The clock comes first, so that subscribers know the time of the messages to come.
                 self._publisher.publish(ClockMessage(clock=now.to_msg()))
             self._step(elapsed, now)
 
 
-MOST_STEPS, LONGEST = 1000, 10.0  # of one request, which all others wait for; [s]
+MOST_STEPS, LONGEST = 1000, 10.0  # steps and seconds of one request, which all others wait for
 NOT_PAUSED = 'is not paused, expected pause before step'
 
 
@@ -125,7 +125,7 @@ _FEATURES = (
 
 
 class SimulationServices:
-    """The services on a node, besides that which pushes the arm."""
+    """The services of the simulator but the one that pushes the arm."""
 
     def __init__(
         self,
@@ -137,14 +137,14 @@ class SimulationServices:
     ) -> None:
         """Offer the services on ``node``.
 
-        ``reset`` begins anew, at rest with slack tendons; ``save`` writes the state to a file, and
-        ``restore`` goes on from it. Each may raise an `OctoArmError`.
+        ``reset`` returns to rest with slack tendons, ``save`` writes the state to a file, and
+        ``restore`` continues from it. Each may raise an `OctoArmError`.
         """
         self._clock, self._reset, self._is_stopped = clock, reset, False
         node.create_service(SetBool, 'pause', self._pause)
         for name, act, done in (
             ('step', self._step_once, 'went on by one period'),
-            ('reset', self._begin_anew, 'at rest, tendons slack'),
+            ('reset', self._reset_all, 'at rest, tendons slack'),
             ('save_state', save, 'saved'),
             ('restore_state', restore, 'restored'),
         ):
@@ -156,10 +156,10 @@ class SimulationServices:
             return
         for name, answer in (
             ('GetSimulatorFeatures', self._features),
-            ('GetSimulationState', self._get),
-            ('SetSimulationState', self._set),
+            ('GetSimulationState', self._get_state),
+            ('SetSimulationState', self._set_state),
             ('ResetSimulation', self._on_reset),
-            ('StepSimulation', self._steps),
+            ('StepSimulation', self._step_many),
         ):
             service = re.sub('(?<!^)(?=[A-Z])', '_', name).lower()
             node.create_service(getattr(self._kinds, name), service, answer)
@@ -184,56 +184,56 @@ class SimulationServices:
             raise OctoArmError(NOT_PAUSED)
         self._clock.step()
 
-    def _begin_anew(self) -> None:
+    def _reset_all(self) -> None:
         self._reset()
         self._clock.reset()
 
     @property
     def _state(self) -> int:
-        known = self._messages.SimulationState
+        states = self._messages.SimulationState
         if not self._clock.is_paused:
-            return int(known.STATE_PLAYING)
-        return int(known.STATE_STOPPED if self._is_stopped else known.STATE_PAUSED)
+            return int(states.STATE_PLAYING)
+        return int(states.STATE_STOPPED if self._is_stopped else states.STATE_PAUSED)
 
     def _features(self, _: Any, response: Any) -> Any:
-        known = self._messages.SimulatorFeatures
-        response.features.features = [getattr(known, name) for name in _FEATURES]
+        constants = self._messages.SimulatorFeatures
+        response.features.features = [getattr(constants, name) for name in _FEATURES]
         return response
 
-    def _get(self, _: Any, response: Any) -> Any:
+    def _get_state(self, _: Any, response: Any) -> Any:
         response.state.state = self._state
         return self._result(response, 'RESULT_OK')
 
-    def _set(self, request: Any, response: Any) -> Any:
-        known, wanted = self._messages.SimulationState, request.state.state
-        if wanted not in (known.STATE_STOPPED, known.STATE_PLAYING, known.STATE_PAUSED):
+    def _set_state(self, request: Any, response: Any) -> Any:
+        states, requested = self._messages.SimulationState, request.state.state
+        if requested not in (states.STATE_STOPPED, states.STATE_PLAYING, states.STATE_PAUSED):
             return self._result(
                 response,
                 'RESULT_FEATURE_UNSUPPORTED',
-                f'state is {wanted}, expected stopped, playing or paused',
+                f'state is {requested}, expected stopped, playing or paused',
             )
-        if wanted == self._state:
-            already = self._kinds.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
-            response.result.result = already
+        if requested == self._state:
+            unchanged = self._kinds.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
+            response.result.result = unchanged
             return response
-        self._is_stopped = wanted == known.STATE_STOPPED
-        self._clock.is_paused = wanted != known.STATE_PLAYING
+        self._is_stopped = requested == states.STATE_STOPPED
+        self._clock.is_paused = requested != states.STATE_PLAYING
         if self._is_stopped:
-            self._begin_anew()
+            self._reset_all()
         return self._result(response, 'RESULT_OK')
 
     def _on_reset(self, request: Any, response: Any) -> Any:
-        known = self._kinds.ResetSimulation.Request
-        scope = request.scope or known.SCOPE_ALL
-        if scope == known.SCOPE_SPAWNED:
+        scopes = self._kinds.ResetSimulation.Request
+        scope = request.scope or scopes.SCOPE_ALL
+        if scope == scopes.SCOPE_SPAWNED:
             return self._result(response, 'RESULT_FEATURE_UNSUPPORTED', 'nothing is spawned')
-        if scope & known.SCOPE_STATE:
+        if scope & scopes.SCOPE_STATE:
             self._reset()
-        if scope & known.SCOPE_TIME:
+        if scope & scopes.SCOPE_TIME:
             self._clock.reset()
         return self._result(response, 'RESULT_OK')
 
-    def _steps(self, request: Any, response: Any) -> Any:
+    def _step_many(self, request: Any, response: Any) -> Any:
         problem = ''
         if not self._clock.is_paused:
             problem = NOT_PAUSED
@@ -256,36 +256,36 @@ PUSH_TOPIC = 'push/force'
 
 
 def check_frame(header: Header, config: SimulatorConfig, what: str) -> None:
-    """Refuse ``what`` a message says in another frame than the base_frame of ``config``.
+    """Check that the quantity ``what`` of a message is in the base_frame of ``config``.
 
     Raises:
-        LoadError: if it is.
+        LoadError: if it is in another frame.
     """
     if header.frame_id not in ('', config.model.base_frame):
-        given = shown(header.frame_id)
-        raise LoadError(f'the {what} is in frame {given}, expected {config.model.base_frame!r}')
+        frame = shown(header.frame_id)
+        raise LoadError(f'the {what} is in frame {frame}, expected {config.model.base_frame!r}')
 
 
-_HOLD = 0.5  # [s] for which a force of a message acts, unless another comes
+_HOLD = 0.5  # [s] for which the force of a message acts, unless another comes
 
 
 class PushService:
-    """Begins the push that the parameters describe, or ends it, whatever `push.period` is.
+    """The push on the arm: a periodic one from parameters, and a service that holds or ends it.
 
-    A force that messages hold is in its place.
+    A force from messages takes its place.
     """
 
     def __init__(self, node: Node, push: Callable[[], Push]) -> None:
-        """Offer the service on ``node``; ``push`` returns the present one."""
+        """Offer the service on ``node``; ``push`` returns the present push parameters."""
         self._push = push
-        self._is_asked: bool | None = None
+        self._is_requested: bool | None = None
         self._held: FloatArray | None = None
         self._until: float | None = None
         node.create_service(SetBool, 'push', self._answer)
 
     def forget(self) -> None:
-        """Push as the parameters say."""
-        self._is_asked = self._held = None
+        """Push as the parameters say, without requests and forces of messages."""
+        self._is_requested = self._held = None
 
     def hold(self, message: Vector3Stamped, config: SimulatorConfig, arm: DynamicArm) -> None:
         """Push the ``arm`` of ``config`` with the force of a ``message``, for half a second.
@@ -301,25 +301,25 @@ class PushService:
         self._held, self._until = force, None
 
     def at(self, time: float) -> FloatArray:
-        """Force ``time`` [s] after the beginning (3,) [N]."""
+        """Return the push force (3,) [N] at the simulated ``time`` [s]."""
         push = self._push()
         if self._held is not None:
             self._until = time + _HOLD if self._until is None else self._until
             if time < self._until:
                 return self._held
             self._held = None
-        if self._is_asked is None:
+        if self._is_requested is None:
             return push.at(time)
-        return np.array(push.force) * self._is_asked
+        return np.array(push.force) * self._is_requested
 
     def _answer(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         push = self._push()
         if not any(push.force):
             response.message = 'push.force is 0, expected a force [N] to push with'
             return response
-        self._is_asked, response.success = bool(request.data), True
-        where = f's = {push.s:g} m' if push.s else 'the tip'
+        self._is_requested, response.success = bool(request.data), True
+        place = f's = {push.s:g} m' if push.s else 'the tip'
         response.message = (
-            f'pushes {where} with {list(push.force)} N' if request.data else 'lets go'
+            f'pushes {place} with {list(push.force)} N' if request.data else 'lets go'
         )
         return response

@@ -147,7 +147,7 @@ def test_a_bag_that_begins_anew_is_followed_from_its_beginning(client):
     tip = client.tell('tendon_tensions', 990.0)
     assert tip.header.stamp.sec == 990
     client.log('/tendon_tensions: stamps run back by')
-    said = 'stamps of /tendon_tensions ran back, it began anew 1 time(s)'
+    said = 'stamps of /tendon_tensions ran back, the estimate was reset 1 time(s)'
     client.wait(
         lambda: any(
             said in status.message and status.level == DiagnosticStatus.WARN
@@ -262,7 +262,7 @@ def test_what_a_moving_camera_sees_waits_for_the_transform_of_its_time(client):
 def test_noise_that_is_larger_than_told_is_said(client):
     client.measure(1000.0 + 0.02 * np.arange(40))
     status, values = client.status('estimate')
-    assert 'larger than told' not in status.message, values
+    assert 'larger than expected' not in status.message, values
     assert client.change(estimator__gate=0.999999999) == (True, '')
     client.scale = 2.5
     for start in range(1002, 1012):
@@ -270,7 +270,7 @@ def test_noise_that_is_larger_than_told_is_said(client):
         status, values = client.status('estimate')
         if status.level == DiagnosticStatus.WARN:
             break
-    told = 'larger than told', 'is refused', 'load cell'
+    told = 'larger than expected', 'is refused', 'load cell'
     assert any(words in status.message for words in told), values
     assert client.change(estimator__gate=0.9999) == (True, '')
 
