@@ -119,11 +119,11 @@ class Experiment:
         """
         prototype = load_config(preset_path(PRESET)).arm
         limit, usual_limit = (default_highest(arm).flat[0] for arm in (config.arm, prototype))
-        held = np.concatenate([[0.0], np.array(list(PROTOTYPE_ERRORS)) * (limit / usual_limit)])
+        steps = np.concatenate([[0.0], np.array(list(PROTOTYPE_ERRORS)) * (limit / usual_limit)])
         if self.friction:
-            held = np.concatenate([held, held[-2:0:-1]])
-        starts = np.arange(held.size) * (self.hold + self.ramp)
-        return np.stack([starts, starts + self.hold], axis=1).ravel(), np.repeat(held, 2)
+            steps = np.concatenate([steps, steps[-2:0:-1]])
+        starts = np.arange(steps.size) * (self.hold + self.ramp)
+        return np.stack([starts, starts + self.hold], axis=1).ravel(), np.repeat(steps, 2)
 
     def touches(self, time: FloatArray, corners: FloatArray) -> FloatArray:
         """Return the force on the tip (n, 3) [N] at ``time`` (n,) [s], by times of `schedule`."""

@@ -202,5 +202,5 @@ def read_measured(
             refusals.count(record.topic, reason)
         else:
             stamped.append(StampedMeasurement(stamp.ns, record.received_ns, measurement))
-    stamped.sort(key=lambda one: one.stamp_ns)
-    return [list(group) for _, group in itertools.groupby(stamped, key=lambda one: one.stamp_ns)]
+    stamped.sort(key=lambda m: m.stamp_ns)
+    return [list(group) for _, group in itertools.groupby(stamped, key=lambda m: m.stamp_ns)]

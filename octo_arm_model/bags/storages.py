@@ -78,33 +78,33 @@ def check_file(path: Path) -> None:
         raise ValueError(f'{path.name} is {kind}, expected a file')
 
 
-def check_size(size: int, what: str) -> None:
+def check_size(size: int, label: str) -> None:
     """Raise ValueError if a ``size`` is more than `LARGEST` bytes, too large for memory."""
     if size > LARGEST:
-        raise ValueError(f'{what} of {size} bytes, at most {LARGEST} are read')
+        raise ValueError(f'{label} of {size} bytes, at most {LARGEST} are read')
 
 
-def checked_yaml(text: str, what: str) -> Any:
+def checked_yaml(text: str, label: str) -> Any:
     """Return the content of a ``text`` in YAML.
 
     Raises:
         BagError: if ``text`` is too large or too deep, also by aliases, or is not YAML.
     """
-    with reading(what, BagError):
+    with reading(label, BagError):
         return load_yaml(text)
 
 
 def _expand_file(path: Path, folder: Path) -> Path:
     """Expand a file compressed by zstd into ``folder``; ValueError if it expands too much."""
     check_file(path)
-    most, size = _FILE_RATIO * path.stat().st_size + _FILE_MORE, 0
+    limit, size = _FILE_RATIO * path.stat().st_size + _FILE_MORE, 0
     expanded = folder / path.stem
     with zstd.open(path, 'rb') as stream, expanded.open('wb') as out:
         while part := stream.read(_PART):
             size += len(part)
-            if size > most:
+            if size > limit:
                 raise ValueError(
-                    f'{path.name}: {path.stat().st_size} bytes expand to more than {most}'
+                    f'{path.name}: {path.stat().st_size} bytes expand to more than {limit}'
                 )
             out.write(part)
     return expanded
@@ -115,14 +115,14 @@ def expand_message(data: bytes) -> bytes:
     return _read(zstd.open(io.BytesIO(data), 'rb'), LARGEST, 'a compressed message')
 
 
-def _read(stream: Any, most: int, what: str) -> bytes:
-    """Read all of a ``stream``; ValueError if it has more than ``most`` bytes."""
+def _read(stream: Any, limit: int, label: str) -> bytes:
+    """Read all of a ``stream``; ValueError if it has more than ``limit`` bytes."""
     parts = io.BytesIO()
     with stream:
-        while part := stream.read(min(_PART, most + 1 - parts.tell())):
+        while part := stream.read(min(_PART, limit + 1 - parts.tell())):
             parts.write(part)
-            if parts.tell() > most:
-                raise ValueError(f'{what} expands to more than {most} bytes')
+            if parts.tell() > limit:
+                raise ValueError(f'{label} expands to more than {limit} bytes')
     return parts.getvalue()
 
 
@@ -133,11 +133,11 @@ class Source(NamedTuple):
     open: Callable[[], Iterator[Found]]
 
 
-def in_order(sources: Sequence[Source], most: int | None = None) -> Iterator[Found]:
+def in_order(sources: Sequence[Source], limit: int | None = None) -> Iterator[Found]:
     """Merge the messages of ``sources`` in the order of receipt; each is open only when needed.
 
     Raises:
-        ValueError: if more than ``most`` would be open together.
+        ValueError: if more than ``limit`` would be open together.
     """
     waiting = sorted(sources, key=lambda source: source.start)[::-1]
     # The next message of each open source, with its time and the number of the source.
@@ -148,8 +148,8 @@ def in_order(sources: Sequence[Source], most: int | None = None) -> Iterator[Fou
             messages, number = waiting.pop().open(), number + 1
             for entry in itertools.islice(messages, 1):
                 heapq.heappush(heads, (entry[1], number, entry, messages))
-            if most is not None and len(heads) > most:
-                raise ValueError(f'more than {most} files hold messages of the same time')
+            if limit is not None and len(heads) > limit:
+                raise ValueError(f'more than {limit} files hold messages of the same time')
         if heads:
             _, source_number, message, messages = heads[0]
             yield message
@@ -386,10 +386,10 @@ class McapFile:
     def _in_chunk(self, chunk: _Chunk, topics: Collection[str]) -> Iterator[Found]:
         records = _records_in(self._expand_chunk(chunk))
         messages = (data for kind, data in records if kind == _MESSAGE)
-        return iter(sorted(self._messages(messages, topics), key=lambda one: one[1]))
+        return iter(sorted(self._messages(messages, topics), key=lambda m: m[1]))
 
     def _unchunked(self, topics: Collection[str]) -> Iterator[Found]:
-        records = (one for one in self._records() if one[0] == _MESSAGE)
+        records = (record for record in self._records() if record[0] == _MESSAGE)
         return self._messages((self._bytes(*where) for _, *where in records), topics)
 
     def _messages(self, records: Iterator[bytes], topics: Collection[str]) -> Iterator[Found]:
@@ -424,8 +424,8 @@ def _connection(  # noqa: PLR0913 - the fields of a Connection
     owner: Any,
 ) -> Connection:
     profiles = parse_qos(checked_yaml(qos, 'offered_qos_profiles') or [])
-    more = ConnectionExtRosbag2('cdr', profiles)
-    return Connection(number, topic, type_name, definition, digest, count, more, owner)
+    extension = ConnectionExtRosbag2('cdr', profiles)
+    return Connection(number, topic, type_name, definition, digest, count, extension, owner)
 
 
 class Sqlite3File:
@@ -521,8 +521,8 @@ class Sqlite3File:
                 form = _FORMATS.get(encoding, MessageDefinitionFormat.NONE)
                 texts[name] = MessageDefinition(form, text)
         none = MessageDefinition(MessageDefinitionFormat.NONE, '')
-        more = ('offered_qos_profiles', 'type_description_hash')
-        columns = ', '.join(name if name in tables['topics'] else "''" for name in more)
+        extra = ('offered_qos_profiles', 'type_description_hash')
+        columns = ', '.join(name if name in tables['topics'] else "''" for name in extra)
         counts = 'SELECT count(*) FROM messages WHERE topic_id = topics.id'
         for number, topic, kind, form, count, qos, digest in self._data.execute(
             f'SELECT id, name, type, serialization_format, ({counts}), {columns} FROM topics '

@@ -76,15 +76,15 @@ def topics_of_arm(reader: BagReader, prefix: str) -> dict[str, str]:
 
 def pick_topic(
     reader: BagReader,
-    wanted: str | None,
+    chosen: str | None,
     types: Sequence[str] | None,
     what: str,
     without: str | None = None,
 ) -> str:
-    """Return the topic that ``what`` is read from: ``wanted``, or the only one of ``types``.
+    """Return the topic that ``what`` is read from: ``chosen``, or the only one of ``types``.
 
-    If ``types`` is None, ``wanted`` may be of any type. Topics of the model's answers and of
-    displacements are chosen only if ``wanted``, and the topic ``without`` never, because it is
+    If ``types`` is None, ``chosen`` may be of any type. Topics of the model's answers and of
+    displacements are taken only if ``chosen``, and the topic ``without`` never, because it is
     read as something else. Among several topics those with messages are preferred, then those of a
     usual name such as tendon_tensions, in any namespace.
 
@@ -92,10 +92,10 @@ def pick_topic(
         BagError: if there is no such topic, or several; the message lists the existing ones.
     """
     expected = ' or '.join(types or ())
-    if wanted is not None:
-        topic = reader.full_name(wanted)
+    if chosen is not None:
+        topic = reader.full_name(chosen)
         if topic not in reader.topics:
-            raise BagError(f'{reader.path}: no topic {wanted} for {what}; {reader.listing}')
+            raise BagError(f'{reader.path}: no topic {chosen} for {what}; {reader.listing}')
         if types is not None and reader.topics[topic] not in types:
             raise BagError(
                 f'{reader.path}: topic {topic} is of {reader.topics[topic]}, expected {expected} '
@@ -133,16 +133,16 @@ def measured_topic(
 
 
 def pick_usual(
-    reader: BagReader, wanted: str | None, usual: str, types: Sequence[str], what: str
+    reader: BagReader, chosen: str | None, usual: str, types: Sequence[str], what: str
 ) -> str | None:
-    """Return the topic that ``what`` is read from: ``wanted``, or the ``usual`` one; else None.
+    """Return the topic that ``what`` is read from: ``chosen``, or the ``usual`` one; else None.
 
     Raises:
-        BagError: if ``wanted`` does not exist or is of none of ``types``, or there are several
+        BagError: if ``chosen`` does not exist or is of none of ``types``, or there are several
             usual ones.
     """
-    if wanted is not None:
-        return pick_topic(reader, wanted, types, what)
+    if chosen is not None:
+        return pick_topic(reader, chosen, types, what)
     return only_one(reader, usual_topics(reader, usual, types), what)
 
 
@@ -232,42 +232,42 @@ class Source(NamedTuple):
         return _stampable(Reading(*result))
 
 
-def pick_tensions(reader: BagReader, wanted: str | None, without: str | None = None) -> Source:
-    """Return the source of tensions on the topic ``wanted``, TOPIC or TOPIC:FIELD.
+def pick_tensions(reader: BagReader, chosen: str | None, without: str | None = None) -> Source:
+    """Return the source of tensions on the topic ``chosen``, TOPIC or TOPIC:FIELD.
 
     None takes the only topic besides ``without``, which is read as something else.
 
     Raises:
         BagError: if there is none; the message lists the numeric fields of other types.
     """
-    if wanted is not None and ':' in wanted:
-        return _pick_field(reader, wanted, 'tensions')
+    if chosen is not None and ':' in chosen:
+        return _pick_field(reader, chosen, 'tensions')
     try:
-        return Source(pick_topic(reader, wanted, TYPES, 'tensions', without))
+        return Source(pick_topic(reader, chosen, TYPES, 'tensions', without))
     except BagError as error:
-        others = [wanted] if wanted is not None else list(reader.topics)
+        others = [chosen] if chosen is not None else list(reader.topics)
         others = [reader.full_name(topic) for topic in others]
         raise BagError(f'{error}{_fields_of(reader, others)}') from None
 
 
-def pick_displacements(reader: BagReader, wanted: str | None) -> Source | None:
-    """Return the source of displacements on the topic ``wanted``, TOPIC or TOPIC:FIELD.
+def pick_displacements(reader: BagReader, chosen: str | None) -> Source | None:
+    """Return the source of displacements on the topic ``chosen``, TOPIC or TOPIC:FIELD.
 
     None takes tendon_displacements, if there is one.
 
     Raises:
         BagError: if there is no such topic or field, or there are several.
     """
-    if wanted is not None and ':' in wanted:
-        return _pick_field(reader, wanted, 'displacements')
+    if chosen is not None and ':' in chosen:
+        return _pick_field(reader, chosen, 'displacements')
     kinds = (DISPLACEMENT_TYPE,)
-    topic = pick_usual(reader, wanted, DISPLACEMENTS, kinds, 'displacements')
+    topic = pick_usual(reader, chosen, DISPLACEMENTS, kinds, 'displacements')
     return None if topic is None else Source(topic, '', True)
 
 
-def _pick_field(reader: BagReader, wanted: str, what: str) -> Source:
-    """Return the source ``wanted``, TOPIC:FIELD; BagError lists the existing numeric fields."""
-    topic, _, field = wanted.partition(':')
+def _pick_field(reader: BagReader, chosen: str, what: str) -> Source:
+    """Return the source ``chosen``, TOPIC:FIELD; BagError lists the existing numeric fields."""
+    topic, _, field = chosen.partition(':')
     topic = pick_topic(reader, topic, None, what)
     fields = reader.numeric_fields(reader.topics[topic])
     if re.sub(r'\[\d+\]', '', field) not in fields:
@@ -381,8 +381,8 @@ def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
     if prefix + DESCRIPTION in topics:
         topics = [prefix + DESCRIPTION]
     if len(topics) != 1:
-        what = f'several topics {DESCRIPTION}' if topics else f'no topic {DESCRIPTION}'
-        raise ConfigError(f'{reader.path}: it has {what}, so say which arm it was by --config')
+        problem = f'several topics {DESCRIPTION}' if topics else f'no topic {DESCRIPTION}'
+        raise ConfigError(f'{reader.path}: it has {problem}, so say which arm it was by --config')
     for last in reader.messages(topics):
         record = last
     with naming(f'{reader.path}, {topics[0]}'):

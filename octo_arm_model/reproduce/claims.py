@@ -60,8 +60,8 @@ def _claim(says: str, where: str, check: str) -> Callable[[Callable[[str], Findi
 
 def _below(value: float, digits: int) -> str:
     """Return ``value`` with ``digits`` decimals, or a text that it is below the last of them."""
-    least = 10.0**-digits
-    return f'{value:.{digits}f}' if value >= least / 2.0 else f'less than {least:.{digits}f}'
+    unit = 10.0**-digits
+    return f'{value:.{digits}f}' if value >= unit / 2.0 else f'less than {unit:.{digits}f}'
 
 
 def _bent(model: str, section: int, plane: float) -> Backbone:
@@ -277,11 +277,11 @@ def _nearer_in_space(model: str) -> Finding:
     'none. Holds if it is lower at every station.',
 )
 def _antagonists(model: str) -> Finding:
-    free, held = (
+    free, stiff = (
         tables.solve('prototype', model, tables.pull(1, (both + 0.1, 0.0, both, 0.0), 1)).k
         for both in (0.0, 2.0)
     )
-    lower = 100.0 * (1.0 - held / free)
+    lower = 100.0 * (1.0 - stiff / free)
     return (
         f'curvature lower by {lower.min():.0f} to {lower.max():.0f} %',
         bool(lower.min() > 0.0),

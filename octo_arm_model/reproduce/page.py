@@ -129,8 +129,8 @@ _SECTIONS: dict[str, tuple[str | Callable[[], DataTable], ...]] = {
 
 def summary(claims: Sequence[Claim]) -> str:
     """Return a sentence that says how many ``claims`` hold for each model."""
-    held = {model: sum(claim.findings[model][1] for claim in claims) for model in MODELS}
-    counts = (f'{model} {count} of {len(claims)}' for model, count in held.items())
+    holding = {model: sum(claim.findings[model][1] for claim in claims) for model in MODELS}
+    counts = (f'{model} {count} of {len(claims)}' for model, count in holding.items())
     return f'Claims that hold: {", ".join(counts)}.'
 
 

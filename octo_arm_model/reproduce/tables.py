@@ -241,7 +241,7 @@ def bending() -> DataTable:
         rows.append((f'({panel})', f'{law(tensions):.0f}', *itertools.chain(*cells)))
     return DataTable(
         'Figure 11 in numbers: plane [°] and tip x, y, z [mm].',
-        ('', 'caption', *(f'{model}: {what}' for model in MODELS for what in ('plane', 'tip'))),
+        ('', 'caption', *(f'{model}: {part}' for model in MODELS for part in ('plane', 'tip'))),
         tuple(rows),
     )
 

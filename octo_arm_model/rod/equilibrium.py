@@ -175,8 +175,8 @@ class Problem:
         self.tables, self.contact = tables, None
         if loads.obstacles:
             self.contact = Contact(arm, elements, loads.obstacles)
-            least = tables.least_scale + self.contact.rounding
-            self.tables = tables = tables._replace(least_scale=least)
+            least_scale = tables.least_scale + self.contact.rounding
+            self.tables = tables = tables._replace(least_scale=least_scale)
         self.touching: FloatArray | None = None
         self._follows = bool(loads.others or loads.obstacles)  # whether loads follow the shape
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
@@ -264,8 +264,8 @@ class Problem:
             total += factor * self.others.resultants(NodeRod(self.others, self.work.quaternion, z))
         if self.contact is not None:
             # The factor does not apply: an obstacle is there before other loads act.
-            given = self.touching
-            density = self.contact.densities(*self._touched()) if given is None else given
+            touching = self.touching
+            density = self.contact.densities(*self._touched()) if touching is None else touching
             total += self.elements.to_tip @ density
         return total
 
@@ -377,8 +377,8 @@ class Problem:
 
     def variation(self) -> Variation:
         """Return the second variation of the energy, by the Jacobian that was computed last."""
-        held = self.work.jacobian if self._held is None else self._held
-        return Variation(held, self.work.hessian, self.elements.weights)
+        jacobian = self.work.jacobian if self._held is None else self._held
+        return Variation(jacobian, self.work.hessian, self.elements.weights)
 
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
         """Compute the Jacobian at ``state``, with sections stiffer by ``damping``, in `work`."""

@@ -88,9 +88,9 @@ class RecentFactors:
     shapes.
     """
 
-    def __init__(self, most: int, numbers: int) -> None:
-        """Keep at most ``most`` shapes, and matrices with at most ``numbers`` entries in all."""
-        self._most, self._numbers = most, numbers
+    def __init__(self, shapes: int, numbers: int) -> None:
+        """Keep at most so many ``shapes``, with at most ``numbers`` matrix entries in all."""
+        self._most, self._numbers = shapes, numbers
         self._factors, self._sizes = OrderedDict[object, Linear](), dict[object, int]()
 
     def find(self, key: object) -> Linear | None:

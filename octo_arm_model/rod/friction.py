@@ -163,13 +163,13 @@ class Friction:
             local = np.where(local > 0.0, np.maximum(self._last, _LEAST), 0.0)
         last, change = np.full_like(local, np.inf), np.inf
         for _ in range(_MOST_ITERATIONS):
-            held = self.hold(tensions, before, self.angles(z, local, work))
-            change = float(np.abs(held.angle - last).max(initial=0.0))
-            last, local = held.angle, held.tensions
+            local_tensions = self.hold(tensions, before, self.angles(z, local, work))
+            change = float(np.abs(local_tensions.angle - last).max(initial=0.0))
+            last, local = local_tensions.angle, local_tensions.tensions
             if change <= _CONVERGED:
                 self._last = local
             if not change > _CONVERGED:  # or NaN, if a strain is impossible
-                return held
+                return local_tensions
         raise ConvergenceError('the tension of tendons in their sheaths', change, _MOST_ITERATIONS)
 
     def pulled(
@@ -177,13 +177,13 @@ class Friction:
         tensions: FloatArray,
         before: FloatArray,
         angle: FloatArray,
-        more: FloatArray,
+        increase: FloatArray,
         free: FloatArray,
     ) -> FloatArray:
-        """Return the tensions at the base (J,) [N] that raise an integral of tensions by ``more``.
+        """Return the tensions at the base (J,) [N] at which an integral of tensions is larger.
 
         It is the integral of local tensions by (2), plus the tension at the base times a ``free``
-        length (J,) [m]; ``more`` (J,) [N m] is its increase above that under ``tensions`` (J,).
+        length (J,) [m]. It is larger by ``increase`` (J,) [N m] than under ``tensions`` (J,).
         The other arguments are those of `hold`. The integral is linear between the tensions at
         which one of the fine points begins or ends to stick.
         """
@@ -200,7 +200,7 @@ class Friction:
             slopes = np.append(let_out[::-1].cumsum()[::-1], 0.0) + free[j]
             slopes[1:] += drawn_in.cumsum()
             integrals = np.append(0.0, np.cumsum(slopes * np.diff(ends)))
-            integral = np.interp(tensions[j], ends, integrals) + more[j]
+            integral = np.interp(tensions[j], ends, integrals) + increase[j]
             pulled[j] = np.interp(integral, integrals, ends)
         return pulled
 

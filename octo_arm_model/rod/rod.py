@@ -467,6 +467,6 @@ def require_resolved(problem: Problem, error: float, allowed: float) -> None:
         )
 
 
-def moved(z: FloatArray, before: Elements, now: Elements) -> FloatArray:
-    """Interpolate values ``z`` (N, ...) from the nodes of ``before`` to those of ``now``."""
-    return np.ascontiguousarray(before.interpolation(now.s) @ z)
+def moved(z: FloatArray, before: Elements, after: Elements) -> FloatArray:
+    """Interpolate values ``z`` (N, ...) from the nodes of ``before`` to those of ``after``."""
+    return np.ascontiguousarray(before.interpolation(after.s) @ z)

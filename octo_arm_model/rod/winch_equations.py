@@ -248,9 +248,9 @@ class WinchEquations:
         compliance = system.changes.diagonal()
         per_mean = (compliance - self._free) / (self._weights @ system.rates)
         increase = np.abs(compliance * step) - _ROUNDING * self._arm.length
-        more = np.sign(step) * np.maximum(increase, 0.0) / per_mean
+        integral = np.sign(step) * np.maximum(increase, 0.0) / per_mean
         angle, larger = self.problem.local_tensions(state).angle, np.maximum(tensions, new)
-        by_mean = friction.pulled(tensions, before, angle, more, self._free / per_mean)
+        by_mean = friction.pulled(tensions, before, angle, integral, self._free / per_mean)
         by_mean = np.minimum(by_mean, _FARTHEST * larger)
         return np.where((step == 0.0) | (new == 0.0) | ~(per_mean > 0.0), new, by_mean)
 

@@ -243,8 +243,8 @@ class _Search:
         """Return the ``equilibrium`` on enough nodes for the accuracy."""
         while not self._equations(equilibrium.level).is_resolved(equilibrium.state):
             state, level = equilibrium.state, equilibrium.level
-            before, now = (self._equations(level + more).problem for more in (0, 1))
-            state = state._replace(z=moved(state.z, before.elements, now.elements))
+            before, after = (self._equations(level + finer_by).problem for finer_by in (0, 1))
+            state = state._replace(z=moved(state.z, before.elements, after.elements))
             start = Equilibrium(state, level + 1, None, None, 0)
             finer, result = self._try(self._target, start, _TOLERANCE, 1.0)
             if finer is None:

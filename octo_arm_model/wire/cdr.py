@@ -95,12 +95,12 @@ def aligned(place: int, size: int) -> int:
     return place + -place % size
 
 
-def text_field(what: str, text: str) -> bytes:
+def text_field(label: str, text: str) -> bytes:
     """Return a ``text`` in UTF-8 up to the first NUL, where strings of ROS messages end."""
     try:
         return text.encode().split(b'\0')[0]
     except UnicodeEncodeError as error:
-        raise ConfigError(f'{what} is {text!r}, which UTF-8 cannot hold') from error
+        raise ConfigError(f'{label} is {text!r}, which UTF-8 cannot hold') from error
 
 
 _FIELDS = 8  # place of the fields in memory, so that numbers are aligned for NumPy

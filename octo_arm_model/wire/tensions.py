@@ -225,8 +225,8 @@ def _of_tendons(
     names: Sequence[str], values: Sequence[float], field: str, arm: Arm
 ) -> dict[str, float]:
     by_name = values_by_name(names, values, field)
-    known = set(arm.tendon_names)
-    if unknown := [name for name in names if name not in known]:
+    tendons = set(arm.tendon_names)
+    if unknown := [name for name in names if name not in tendons]:
         raise TensionError(
             f'unknown tendon {listed(unknown)}; this arm has {listed(arm.tendon_names)}'
         )
