@@ -62,10 +62,11 @@ class Arm:
             them all along.
 
     Raises:
-        ArmDefinitionError: if there is no section, an anchorage lies beyond the tip or out of
-            order, a tendon leaves the body and its discs, a profile leaves its range, the names
-            are not one per tendon and distinct, a property of tendons is negative, too large or
-            not one per tendon, or discs do not fit the arm or have sheaths.
+        ArmDefinitionError: if a part is of another class, there is no section, an anchorage lies
+            beyond the tip or out of order, a tendon leaves the body and its discs, a profile
+            leaves its range, the names are not one per tendon and distinct, a property of tendons
+            is negative, too large or not one per tendon, or discs do not fit the arm or have
+            sheaths.
     """
 
     material: Material

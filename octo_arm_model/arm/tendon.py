@@ -68,6 +68,19 @@ class Tendon:
         return self.offset.knots + self.angle.knots
 
 
+def check_angle(name: str, angle: object) -> float:
+    """Return the ``angle`` of a direction as a float.
+
+    Raises:
+        ArmDefinitionError: if it is no finite number, or beyond 2 pi, as degrees are.
+    """
+    expected = 'a finite angle within 2 pi of zero, in radians, not in degrees'
+    radians = finite(name, angle, expected)
+    if abs(radians) > 2.0 * math.pi:
+        raise ArmDefinitionError(name, angle, expected)
+    return radians
+
+
 @dataclass(frozen=True)
 class Section:
     """One anchorage cross section and the tendons fastened at it (eq. 5).
@@ -79,7 +92,7 @@ class Section:
         anchorage: arc coordinate l_i of the anchorage [m], > 0.
         offset_base: distance a_i of the tendons from the midline at the base [m], >= 0.
         offset_anchorage: distance b_i at the anchorage [m], >= 0.
-        angles: direction of each tendon at the base [rad], from n towards b.
+        angles: direction of each tendon at the base [rad], from n towards b, within 2 pi of zero.
         twist: angle by which each has wound about the midline at the anchorage [rad].
 
     Raises:
@@ -101,13 +114,12 @@ class Section:
                 'section.offset_anchorage', self.offset_anchorage, 'distance', 'm'
             ),
         )
-        expected = 'a finite angle [rad]'
         check_class('section.angles', self.angles, Iterable)
         check_class('section.twist', self.twist, Iterable)
-        angles = tuple(finite('section.angles', angle, expected) for angle in self.angles)
+        angles = tuple(check_angle('section.angles', angle) for angle in self.angles)
         if not angles:
             raise ArmDefinitionError('section.angles', angles, 'at least one tendon')
-        twist = tuple(finite('section.twist', angle, expected) for angle in self.twist)
+        twist = tuple(finite('section.twist', one, 'a finite angle [rad]') for one in self.twist)
         if twist and len(twist) != len(angles):
             raise ArmDefinitionError(
                 'section.twist', twist, f'{len(angles)} angles, one for each tendon, or none'

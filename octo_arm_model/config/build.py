@@ -14,8 +14,8 @@ from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_DISCS
 from octo_arm_model.arm.material import Material
-from octo_arm_model.arm.profile import BETWEEN, LINEAR, Constant, Linear, Profile, Table
-from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon
+from octo_arm_model.arm.profile import LINEAR, Constant, Linear, Profile, Table
+from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon, check_angle
 from octo_arm_model.arm.validation import positive
 from octo_arm_model.config.parameter import Values, check_length
 from octo_arm_model.rod.checks import check_tensions
@@ -149,16 +149,6 @@ def build_arm(given: Values) -> Arm:
     )
 
 
-def build_limits(given: Values, arm: Arm) -> tuple[float, ...]:
-    """Largest tension of each tendon of ``arm`` [N]; empty where none are given.
-
-    Raises:
-        ConfigError: if their number is not that of the tendons.
-    """
-    _check_each(given, arm, 'tendon_limits')
-    return tuple(given['tendon_limits'])
-
-
 def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
     """Calibration of the load cells of ``arm``.
 
@@ -171,7 +161,7 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
         expected = 'distinct names or -, one name at least'
         raise ConfigError(f'tension_names is {shown(list(names))}, expected {expected}')
     lists = 'tension_offset', 'tension_scale', 'tension_names'
-    _check_each(given, arm, *lists)
+    check_each(given, arm, *lists)
     return LoadCellCalibration(given['tension_deadband'], *(tuple(given[name]) for name in lists))
 
 
@@ -189,12 +179,16 @@ def build_encoders(given: Values, arm: Arm) -> EncoderCalibration:
         positive('displacement_scale', abs(one), 'm per unit of the reading')
     scale = len(arm.tendons) * scale if len(scale) == 1 else scale
     all_given = {**given, 'displacement_scale': scale}
-    _check_each(all_given, arm, 'displacement_names', 'displacement_scale', 'displacement_offset')
+    check_each(all_given, arm, 'displacement_names', 'displacement_scale', 'displacement_offset')
     return EncoderCalibration(tuple(names), scale, tuple(given['displacement_offset']))
 
 
-def _check_each(given: Values, arm: Arm, *names: str) -> None:
-    """Check that each of the lists ``names`` is empty or has a value for each tendon."""
+def check_each(given: Values, arm: Arm, *names: str) -> None:
+    """Check that each of the lists ``names`` is empty or has a value for each tendon of ``arm``.
+
+    Raises:
+        ConfigError: if one is not.
+    """
     for name in names:
         if given[name]:
             check_length(name, given[name], len(arm.tendons), ', one per tendon')
@@ -316,17 +310,14 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
             raise ConfigError(f'sections.tendons is {list(numbers)}, expected at least 1 each')
     total = sum(numbers)
     check_size(count, total)
-    between = given['tendons.table_between']
-    if between not in BETWEEN:
-        raise ConfigError(
-            f'tendons.table_between is {shown(between)}, expected {" or ".join(BETWEEN)}'
-        )
     angles = given['tendons.angle'] or tuple(
         2.0 * math.pi * j / number for number in numbers for j in range(number)
     )
     twists = given['tendons.twist'] or total * (0.0,)
     for name, column in (('tendons.angle', angles), ('tendons.twist', twists)):
         check_length(name, column, total, ', one per tendon')
+    for number, angle in enumerate(angles):
+        check_angle(f'tendons.angle[{number}]', angle)
     if given['tendons.table_s']:
         tendons = _routed(given, angles, total)
         ends = [sum(numbers[: i + 1]) for i in range(count)]

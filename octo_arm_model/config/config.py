@@ -12,12 +12,12 @@ from octo_arm_model.arm.limits import MIN_RATE, Budget
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW, MotionProperties
 from octo_arm_model.arm.pose import Pose
-from octo_arm_model.arm.validation import check_class, not_negative
+from octo_arm_model.arm.validation import check_class
 from octo_arm_model.config import build
 from octo_arm_model.config.parameter import refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
-from octo_arm_model.config.parameters import PARAMETERS, DiagnosticLimits, build_loads
-from octo_arm_model.config.surroundings import build_motion
+from octo_arm_model.config.parameters import PARAMETERS, DiagnosticLimits
+from octo_arm_model.config.surroundings import build_loads, build_motion
 from octo_arm_model.rod.motion import Dynamics
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.rod.solver import Solver
@@ -90,21 +90,17 @@ class Config:
         given = {}
         for parameter in PARAMETERS:
             value = values.get(parameter.name, parameter.default)
-            if value is None and any(values.get(name) for name in parameter.unless):
-                continue
-            if value is None:
+            is_replaced = any(values.get(name) for name in parameter.unless)
+            if value is not None:
+                value = given[parameter.name] = parameter.convert(value)
+                if value != 0.0 or not is_replaced:
+                    parameter.check(value)
+            elif not is_replaced:
                 raise ConfigError(
                     f'{parameter.name} is missing, expected {parameter.type_name}: '
                     f'{parameter.description}'
                 )
-            given[parameter.name] = parameter.convert(value)
-        _check_names(given)
-        base = Pose(given['base.position'], given['base.quaternion'])
-        loads = build_loads(given)  # whose errors say which of several obstacles it is
-        for parameter in PARAMETERS:  # what no part is built from, too, as a table without table_s
-            value = given.get(parameter.name)
-            if value is not None and (value != 0.0 or not parameter.unless):
-                parameter.check(value)
+        _check(given)
         arm = build.build_arm(given)
         uncertainty = build.build_uncertainty(given, arm)
         if given['model'] != 'exact' and (uncertainty.poisson_ratio or uncertainty.offset):
@@ -112,29 +108,20 @@ class Config:
                 'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
                 f'with {given["model"]}'
             )
+        build.check_each(given, arm, 'tendon_limits')
         return cls(
             arm=arm,
-            base=base,
-            model=given['model'],
-            stations=given['stations'],
-            base_frame=given['base_frame'],
-            frame_prefix=given['frame_prefix'],
+            base=Pose(given['base.position'], given['base.quaternion']),
             law=given['material.law'],
             shear=given['material.shear'],
-            loads=loads,
+            loads=build_loads(given),
             motion=build_motion(given),
             uncertainty=uncertainty,
-            friction_memory=given['friction_memory'],
-            markers_rate=_checked_rate(given['markers_rate']),
             diagnostic_limits=DiagnosticLimits.of(given),
-            tendon_limits=build.build_limits(given, arm),
             load_cells=build.build_load_cells(given, arm),
             encoders=build.build_encoders(given, arm),
-            tension_type=given['tension_type'],
-            tension_field=given['tension_field'],
-            displacement_type=given['displacement_type'],
-            displacement_field=given['displacement_field'],
             solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
+            **{name: given[name] for name in cls.__dataclass_fields__ if name in given},
         )
 
     def solver(
@@ -219,8 +206,8 @@ def load_config(name: str | Path) -> Config:
         return Config.from_parameters(values)
 
 
-def _check_names(given: Mapping[str, Any]) -> None:
-    """Check names of frames, and of message types and fields, which come in pairs."""
+def _check(given: Mapping[str, Any]) -> None:
+    """Check names of frames, of message types and fields, which come in pairs, and the rate."""
     if not given['base_frame']:
         raise ConfigError("base_frame is '', expected the name of a frame")
     for name in ('base_frame', 'frame_prefix'):
@@ -233,10 +220,6 @@ def _check_names(given: Mapping[str, Any]) -> None:
             raise ConfigError(
                 f'{name}_type is {kind!r} and {name}_field is {field!r}, expected both or neither'
             )
-
-
-def _checked_rate(rate: float) -> float:
-    """The ``rate`` of markers [Hz]; ArmDefinitionError if negative or too low for a timer."""
-    if 0.0 < rate < MIN_RATE:
+    rate = given['markers_rate']
+    if rate != 0.0 and rate < MIN_RATE:  # which is too low for a timer
         raise ArmDefinitionError('markers_rate', rate, f'0, or at least {MIN_RATE:g} [Hz]')
-    return not_negative('markers_rate', rate, 'rate', 'Hz')

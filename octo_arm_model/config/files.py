@@ -56,15 +56,9 @@ def read_text(path: str | Path, most: int) -> str:
 
 def load_yaml(text: str) -> Any:
     """Mappings by text, lists, texts, numbers, booleans and None. For use within `reading`."""
-    _check_size(text)
+    if len(text) > MAX_YAML_BYTES:  # of a message, which has not passed `read_text`
+        raise _TooLargeError(f'larger than {MAX_YAML_BYTES} bytes')
     return yaml.load(text, _Loader)
-
-
-def compose_yaml(text: str) -> yaml.Node | None:
-    """The nodes of a document, with their line numbers. For use within `reading`."""
-    _check_size(text)
-    node: yaml.Node | None = yaml.compose(text, _Loader)
-    return node
 
 
 def dump_yaml(value: Any) -> str:
@@ -109,12 +103,6 @@ def reading(path: str | Path, kind: type[OctoArmError]) -> Iterator[None]:
         where = f', line {mark.line + 1}' if mark else ''
         problem = getattr(error, 'problem', None) or str(error).splitlines()[0]
         raise kind(f'{path}{where}: not valid YAML, {problem}') from error
-
-
-def _check_size(text: str) -> None:
-    # Texts of messages have not passed `read_text`.
-    if len(text) > MAX_YAML_BYTES:
-        raise _TooLargeError(f'larger than {MAX_YAML_BYTES} bytes')
 
 
 class _Loader(yaml.SafeLoader):

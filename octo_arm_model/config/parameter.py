@@ -1,5 +1,6 @@
 """A parameter: its name, type, default and meaning; and groups of them as dataclasses."""
 
+import ast
 import dataclasses
 import difflib
 import re
@@ -9,14 +10,14 @@ from typing import Any, ClassVar, TypeVar
 
 from octo_arm_model.arm import validation
 from octo_arm_model.arm.errors import ConfigError, listed, shown
-from octo_arm_model.arm.hints import Vector
 from octo_arm_model.arm.limits import MAX_NAME, MAX_TABLE_POINTS
 
 Values = Mapping[str, Any]  # of all parameters, by their names
 
-# The end of the meaning of arc coordinates of a table.
-TABLE_BOUND = f'; at most {MAX_TABLE_POINTS}'
+_KINDS = {'double': float, 'integer': int, 'string': str, 'bool': bool}
 _UNIT = re.compile(r'\[([^]]*)\]')
+_WITHIN = re.compile(r'in \[([-\d.]+), ([-\d.]+)\]')
+_WORDS = re.compile(', or |, | or ')
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Parameter:
         description: what it is, with its unit in brackets.
         default: value where none is given; None means it must be given.
         range: allowed values, in words; the core checks them.
+        is_choice: whether the range lists them all, as 'pchip or linear'.
         unless: names of parameters that replace it; if one is given it may be missing.
         most: number of values that a list has at most, whether they are used or not.
         what: what errors call a value.
@@ -39,6 +41,7 @@ class Parameter:
     description: str
     default: Any = None
     range: str = ''
+    is_choice: bool = False
     unless: tuple[str, ...] = ()
     most: int = MAX_TABLE_POINTS
     what: str = 'number'
@@ -56,7 +59,7 @@ class Parameter:
     @property
     def type_name(self) -> str:
         """Name of the type in ROS, e.g. ``double[]``."""
-        word = {float: 'double', int: 'integer', str: 'string', bool: 'bool'}[self.kind]
+        word = next(name for name, kind in _KINDS.items() if kind is self.kind)
         return word + '[]' if self.is_array else word
 
     @property
@@ -86,29 +89,33 @@ class Parameter:
     def check(self, value: Any) -> None:
         """Check a converted ``value``, or each of a list.
 
-        Numbers are finite, and in the range where that is '>= 0', '> 0' or 'in [0, 1]'.
+        Numbers are finite, and in the range where that is '>= 0', '> 0' or between two numbers;
+        texts are one of those that a choice has.
 
         Raises:
-            ArmDefinitionError: if one is not.
+            ArmDefinitionError: if a number is not.
+            ConfigError: if a text is not.
         """
-        if self.is_array:
-            for element in value:
-                self._check_one(element)
-        else:
-            self._check_one(value)
+        if not self.is_array:
+            self._check_one(self.name, value)
+            return
+        for number, element in enumerate(value):
+            self._check_one(f'{self.name}[{number}]', element)
 
-    def _check_one(self, value: Any) -> None:
+    def _check_one(self, name: str, value: Any) -> None:
         unit = ''.join(_UNIT.findall(self.description)[:1])
         if self.range == '>= 0' and self.kind is int:
-            validation.whole(self.name, value)
+            validation.whole(name, value)
         elif self.range == '>= 0':
-            validation.not_negative(self.name, value, self.what, unit)
+            validation.not_negative(name, value, self.what, unit)
         elif self.range == '> 0':
-            validation.positive(self.name, value, unit)
-        elif self.range == 'in [0, 1]':
-            validation.within(self.name, value, 0.0, 1.0, unit)
+            validation.positive(name, value, unit)
+        elif ends := _WITHIN.fullmatch(self.range):
+            validation.within(name, value, float(ends[1]), float(ends[2]), unit)
         elif self.kind is float:
-            validation.finite(self.name, value)
+            validation.finite(name, value)
+        elif self.is_choice and value not in (*_WORDS.split(self.range), self.default):
+            raise ConfigError(f'{name} is {shown(value)}, expected {self.range}')
 
     def _convert_one(self, element: object, value: object) -> Any:
         if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
@@ -126,6 +133,35 @@ class Parameter:
         raise ConfigError(f'{self.name} is {shown(value)}, expected {self.type_name}{what}')
 
 
+def read_table(text: str) -> tuple[Parameter, ...]:
+    """The parameters in a table.
+
+    Each has a line ``name | type | default | range | more``, and below it, indented, what it is.
+    More, as far as there is more, is ``choice``, ``unless`` with names, ``what`` with a word, or
+    ``most`` with a number, see `Parameter`.
+    """
+    rows = re.findall(r'^(\S.*)\n((?: .*\n)+)', text, re.MULTILINE)
+    return tuple(_read_row(head.split('|'), ' '.join(words.split())) for head, words in rows)
+
+
+def _read_row(head: list[str], description: str) -> Parameter:
+    name, kind, default, allowed, *more = (*map(str.strip, head), *(4 - len(head)) * [''])
+    options = dict(option.partition(' ')[::2] for option in more)
+    value = ast.literal_eval(default) if default else None
+    return Parameter(
+        name,
+        description + (f'; at most {options["most"]}' if 'most' in options else ''),
+        tuple(value) if isinstance(value, list) else value,
+        allowed,
+        'choice' in options,
+        tuple(options.get('unless', '').split()),
+        int(options.get('most', MAX_TABLE_POINTS)),
+        options.get('what', 'number'),
+        _KINDS[kind.removesuffix('[]')],
+        kind.endswith('[]'),
+    )
+
+
 def check_length(name: str, column: Sequence[Any], count: int, what: str) -> None:
     """Check that the list ``name`` has ``count`` values.
 
@@ -134,16 +170,6 @@ def check_length(name: str, column: Sequence[Any], count: int, what: str) -> Non
     """
     if len(column) != count:
         raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')
-
-
-def vectors_of(name: str, flat: Sequence[float], count: int, of: str) -> tuple[Vector, ...]:
-    """The vectors that the list ``name`` has, as many as ``count``, one after the other.
-
-    Raises:
-        ConfigError: if it has not three numbers for each of the list ``of``.
-    """
-    check_length(name, flat, 3 * count, f', three for each of {of}')
-    return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))
 
 
 def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:

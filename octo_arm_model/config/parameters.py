@@ -5,19 +5,22 @@ The YAML loader reads it, the node declares its ROS parameters from it and the m
 
 from dataclasses import dataclass
 
-from octo_arm_model.arm import limits
-from octo_arm_model.arm.errors import ConfigError, shown
-from octo_arm_model.arm.loads import TIP, TIP_FRAMES, DistributedLoad, Loads, PointLoad
-from octo_arm_model.arm.material import DEFAULT_LAW, LAWS
-from octo_arm_model.config import surroundings
-from octo_arm_model.config.parameter import (
-    TABLE_BOUND,
-    Parameter,
-    ParameterGroup,
-    Values,
-    stated,
-    vectors_of,
+from octo_arm_model.arm.limits import (
+    MAX_DISCS,
+    MAX_FRICTION,
+    MAX_INTERVALS,
+    MAX_OBSTACLES,
+    MAX_POINT_LOADS,
+    MAX_SECTIONS,
+    MAX_STATIONS,
+    MAX_TABLE_POINTS,
+    MAX_TENDON_TABLE,
+    MAX_TENDONS,
+    MIN_RATE,
 )
+from octo_arm_model.arm.material import DEFAULT_LAW, LAWS, WATERS
+from octo_arm_model.arm.obstacles import Obstacle
+from octo_arm_model.config.parameter import ParameterGroup, read_table, stated
 from octo_arm_model.rod.solver import DEFAULT_MODEL, MODELS
 from octo_arm_model.rod.stations import DEFAULT_STATIONS
 
@@ -43,545 +46,271 @@ class DiagnosticLimits(ParameterGroup):
     )
 
 
-LOAD_PARAMETERS = (
-    Parameter('loads.gravity', 'acceleration of gravity in base_frame [m/s^2]', (0.0, 0.0, 0.0)),
-    Parameter(
-        'loads.fluid_density', 'density of the fluid around the arm [kg/m^3]', 0.0, range='>= 0'
-    ),
-    Parameter('loads.tip_force', 'force on the tip in base_frame [N]', (0.0, 0.0, 0.0)),
-    Parameter('loads.tip_moment', 'moment on the tip in base_frame [N m]', (0.0, 0.0, 0.0)),
-    Parameter(
-        'loads.tip_frame',
-        'axes of tip_force and tip_moment: base, for base_frame, or tip, for t, n and b of '
-        'the tip, with which they turn',
-        'base',
-        range='base or tip',
-    ),
-    Parameter(
-        'loads.point_s',
-        f'arc coordinates of point forces [m]; at most {limits.MAX_POINT_LOADS}',
-        (),
-        range='in [0, body.length]',
-        most=limits.MAX_POINT_LOADS,
-    ),
-    Parameter(
-        'loads.point_force',
-        'x, y, z of each point force in base_frame [N], one after the other',
-        (),
-        most=3 * limits.MAX_POINT_LOADS,
-    ),
-    Parameter(
-        'loads.distributed_s',
-        f'arc coordinates of a distributed force, linear between them [m]{TABLE_BOUND}',
-        (),
-        range='increasing, in [0, body.length]',
-    ),
-    Parameter(
-        'loads.distributed_force',
-        'x, y, z of the force per length at each, in base_frame [N/m], one after the other',
-        (),
-        most=3 * limits.MAX_TABLE_POINTS,
-    ),
-)
-
-
-def build_loads(given: Values) -> Loads:
-    """The loads on the arm.
-
-    Raises:
-        ConfigError: if lists do not have the lengths they need.
-        ArmDefinitionError: if a load is invalid.
-    """
-    points, along = (
-        vectors_of(f'{of}_force', given[f'{of}_force'], len(given[f'{of}_s']), f'{of}_s')
-        for of in ('loads.point', 'loads.distributed')
-    )
-    if given['loads.tip_frame'] not in TIP_FRAMES:
-        problem = f'loads.tip_frame is {shown(given["loads.tip_frame"])}'
-        raise ConfigError(f'{problem}, expected {" or ".join(TIP_FRAMES)}')
-    loads = Loads(
-        gravity=given['loads.gravity'],
-        fluid_density=given['loads.fluid_density'],
-        tip_force=given['loads.tip_force'],
-        tip_moment=given['loads.tip_moment'],
-        points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
-        distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
-        obstacles=surroundings.build_obstacles(given),
-    )
-    return loads.following(given['body.length']) if given['loads.tip_frame'] == TIP else loads
-
-
 _LAWS = ', '.join(f'{name} ({law.meant_for})' for name, law in LAWS.items())
 _MODELS = f'{", ".join(MODELS[:-1])} or {MODELS[-1]}'
+_WATERS = ' or '.join(WATERS)
 
-PARAMETERS = (
-    Parameter(
-        'model', f'what turns tensions into strains: {_MODELS}', DEFAULT_MODEL, range=_MODELS
-    ),
-    Parameter(
-        'stations',
-        'stations along the backbone, anchorages and loads among them; at most '
-        f'{limits.MAX_STATIONS}',
-        DEFAULT_STATIONS,
-        range='at least two, one more for every anchorage and load; at most '
-        f'{limits.MAX_STATIONS}',
-    ),
-    Parameter('base_frame', 'frame the backbone is expressed in', 'arm_base'),
-    Parameter('frame_prefix', 'what the names of the frames of tip and anchorages begin with', ''),
-    Parameter('base.position', 'position of the base in base_frame [m]', (0.0, 0.0, 0.0)),
-    Parameter(
-        'base.quaternion',
-        'orientation of the base in base_frame, x y z w: x axis along the arm, y axis n, z axis b',
-        (0.0, 0.0, 0.0, 1.0),
-        range='of length 1',
-    ),
-    Parameter(
-        'material.youngs_modulus',
-        "Young's modulus E [Pa]",
-        unless=('material.table_s',),
-        range='> 0',
-    ),
-    Parameter('material.poisson_ratio', "Poisson's ratio nu [-]", 0.5, range='in (-1, 0.5]'),
-    Parameter(
-        'material.shear_modulus',
-        'shear modulus G [Pa] instead of poisson_ratio; 0 for E / (2 (1 + nu))',
-        0.0,
-        range='0, or at least E / 3',
-    ),
-    Parameter(
-        'material.density', 'density [kg/m^3]; needed under gravity and to move', 0.0, range='>= 0'
-    ),
-    Parameter(
-        'material.law',
-        f'elastic law of the model exact: {_LAWS}',
-        DEFAULT_LAW,
-        range=' or '.join(LAWS),
-    ),
-    Parameter('material.shear', 'whether cross sections shear, with law linear', False),
-    Parameter(
-        'material.table_s',
-        'arc coordinates of a material that varies along the arm, from 0 on [m]' + TABLE_BOUND,
-        (),
-        range='increasing from 0 to the tip',
-    ),
-    Parameter('material.table_youngs_modulus', 'E at each of table_s [Pa]', (), range='> 0'),
-    Parameter(
-        'material.table_poisson_ratio',
-        'nu at each of table_s [-]; empty for poisson_ratio',
-        (),
-        range='in (-1, 0.5]',
-    ),
-    Parameter('body.length', 'length L of the arm [m]', range='> 0'),
-    Parameter(
-        'body.radius_base',
-        'radius at the base [m]',
-        unless=('body.table_s', 'body.width'),
-        range='> 0',
-    ),
-    Parameter(
-        'body.radius_tip',
-        'radius at the tip [m]; the arm is refused where more than '
-        f'{limits.MAX_INTERVALS} intervals, each no longer than thick, are needed',
-        unless=('body.table_s', 'body.width'),
-        range='> 0',
-    ),
-    Parameter(
-        'body.disc_radius',
-        'radius of discs that lead tendons outside the body [m]; 0 for none; tendons are '
-        'led all along, unless tendons.discs or disc_count says where the discs are',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'body.table_s',
-        f'arc coordinates of a body that is no cone, from 0 to the tip [m]{TABLE_BOUND}',
-        (),
-        range='increasing from 0 to the tip',
-    ),
-    Parameter('body.table_radius', 'radius at each of table_s [m]', (), range='> 0'),
-    Parameter(
-        'body.inner_radius',
-        'radius of the bore of a tube, closed and empty [m]; 0 for a solid body',
-        0.0,
-        range='0 <= inner_radius < radius',
-    ),
-    Parameter(
-        'body.table_inner_radius',
-        'radius of the bore at each of table_s [m]; empty for inner_radius',
-        (),
-        range='0 <= inner_radius < radius',
-    ),
-    Parameter(
-        'body.width',
-        'size along n of a body of rectangular sections [m], instead of a radius; 0 for a '
-        'round one',
-        0.0,
-        range='0, or > 0 with height',
-    ),
-    Parameter(
-        'body.height',
-        'size along b of rectangular sections [m]',
-        0.0,
-        range='0, or > 0 with width',
-    ),
-    Parameter(
-        'body.table_width',
-        'width at each of body.table_s [m]; empty for a round body',
-        (),
-        range='> 0, with table_height',
-    ),
-    Parameter(
-        'body.table_height',
-        'height at each of body.table_s [m]',
-        (),
-        range='> 0, with table_width',
-    ),
-    Parameter(
-        'stiffness.axial',
-        'E A of the cross sections [N], where it is measured; 0 for that of body and '
-        'material, as the next',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'stiffness.bending',
-        'E J of bending about n and about b [N m^2], or one number for both; empty for that '
-        'of body and material',
-        (),
-        range='>= 0',
-    ),
-    Parameter('stiffness.torsion', 'G I of the cross sections [N m^2]', 0.0, range='>= 0'),
-    Parameter(
-        'stiffness.table_s',
-        'arc coordinates of stiffness that varies along the arm, a smooth monotone cubic '
-        f'between them, from 0 to the tip [m]{TABLE_BOUND}',
-        (),
-        range='increasing from 0 to the tip',
-    ),
-    *(
-        Parameter(
-            f'stiffness.table_{name}',
-            f'{what} at each of stiffness.table_s; empty for {one}',
-            (),
-            range='> 0',
-        )
-        for name, what, one in (
-            ('axial', 'E A [N]', 'axial'),
-            ('bending_n', 'E J about n [N m^2]', 'bending'),
-            ('bending_b', 'E J about b [N m^2]', 'bending'),
-            ('torsion', 'G I [N m^2]', 'torsion'),
-        )
-    ),
-    Parameter(
-        'rest_curvature',
-        'curvatures about n and about b of the arm where nothing acts on it [1/m]',
-        (0.0, 0.0),
-    ),
-    Parameter(
-        'rest_torsion',
-        'rotation of the cross sections about the tangent per length there [1/m]',
-        0.0,
-    ),
-    Parameter(
-        'rest.table_s',
-        'arc coordinates of a shape at rest that varies along the arm, a smooth monotone '
-        f'cubic between them, from 0 to the tip [m]{TABLE_BOUND}',
-        (),
-        range='increasing from 0 to the tip',
-    ),
-    *(
-        Parameter(
-            f'rest.table_{name}', f'{what} at each of rest.table_s [1/m]; empty for {one}', ()
-        )
-        for name, what, one in (
-            ('curvature_n', 'curvature about n', 'rest_curvature'),
-            ('curvature_b', 'curvature about b', 'rest_curvature'),
-            ('torsion', 'torsion', 'rest_torsion'),
-        )
-    ),
-    Parameter(
-        'sections.anchorage',
-        'arc coordinate of each anchorage, from the tip to the base [m]; at most '
-        f'{limits.MAX_SECTIONS}',
-        is_array=True,
-        range='decreasing, in (0, body.length]',
-    ),
-    Parameter(
-        'sections.tendons',
-        'number of tendons of each section; empty for four each; at most '
-        f'{limits.MAX_TENDONS} in all',
-        (),
-        kind=int,
-        range=f'>= 1, at most {limits.MAX_TENDONS} in all',
-    ),
-    Parameter(
-        'sections.offset_base',
-        "distance of each section's tendons from the midline at the base [m]",
-        is_array=True,
-        unless=('tendons.table_s',),
-        range='from 0 to the radius of body or discs',
-    ),
-    Parameter(
-        'sections.offset_anchorage',
-        "distance of each section's tendons from the midline at its anchorage [m]",
-        is_array=True,
-        unless=('tendons.table_s',),
-        range='from 0 to the radius of body or discs',
-    ),
-    Parameter(
-        'tendons.angle',
-        'direction of each tendon at the base [rad], from n towards b, section by section '
-        'from the tip; empty for even spacing from n on',
-        (),
-    ),
-    Parameter(
-        'tendons.twist',
-        'angle each tendon winds about the midline up to its anchorage [rad]; empty for '
-        'straight ones',
-        (),
-    ),
-    Parameter(
-        'tendons.table_s',
-        f'arc coordinates of tabulated paths of all tendons, from 0 on [m]{TABLE_BOUND}',
-        (),
-        range='increasing from 0 on, as far as the tendons go',
-    ),
-    Parameter(
-        'tendons.table_between',
-        'what distance and direction do between table_s: pchip, a smooth monotone cubic, or '
-        'linear, with kinks at table_s as at rings that guide the tendons',
-        'pchip',
-        range='pchip or linear',
-    ),
-    Parameter(
-        'tendons.table_offset',
-        'distance from the midline at each of table_s [m], tendon after tendon; at most '
-        f'{limits.MAX_TENDON_TABLE}',
-        (),
-        range='from 0 to the radius of body or discs',
-        most=limits.MAX_TENDON_TABLE,
-    ),
-    Parameter(
-        'tendons.table_angle',
-        'direction at each of table_s [rad], tendon after tendon; empty for angle; at most '
-        f'{limits.MAX_TENDON_TABLE}',
-        (),
-        most=limits.MAX_TENDON_TABLE,
-    ),
-    Parameter(
-        'tendons.axial_stiffness',
-        'E A of each tendon itself [N], section by section from the tip, or one number for '
-        'all, by which a winch that is driven by length has to reel in more; 0 for one that '
-        'does not stretch; empty for none that does',
-        (),
-        range='>= 0',
-    ),
-    Parameter(
-        'tendons.free_length',
-        'length of each tendon between the base and its winch [m], which stretches as well '
-        'as what runs in the arm, or one number for all; empty for none',
-        (),
-        range='>= 0',
-    ),
-    Parameter(
-        'tendons.sheath_stiffness',
-        'stiffness k of the body about each tendon [Pa]: force per length over how far it '
-        'digs in, section by section from the tip, or one number for all; with model exact; '
-        '0 for tendons that keep their places; empty for all such',
-        (),
-        range='>= 0',
-    ),
-    Parameter(
-        'tendons.friction',
-        "Coulomb's coefficient of friction mu of the tendons in their guides [-], one for "
-        'all or one per tendon, section by section from the tip; empty for none; with model '
-        'closed_form or exact',
-        (),
-        range=f'>= 0, at most {limits.MAX_FRICTION:g}',
-    ),
-    Parameter(
-        'tendons.discs',
-        'arc coordinates of the faces towards the tip of discs between which tendons are '
-        'straight [m]; anchorages are discs too; empty for tendons that the body leads all '
-        f'along; with model exact; at most {limits.MAX_DISCS}',
-        (),
-        range='increasing, in (0, body.length]',
-        most=limits.MAX_DISCS,
-    ),
-    Parameter(
-        'tendons.disc_count',
-        'number of discs, spaced evenly from the base to the tip, which is the last, '
-        f'instead of discs; 0 for none; at most {limits.MAX_DISCS}',
-        0,
-        range=f'0 to {limits.MAX_DISCS}',
-    ),
-    Parameter(
-        'tendons.disc_thickness',
-        'thickness of every disc, which is rigid, from its face on towards the base [m]; 0 '
-        'for thin ones',
-        0.0,
-        range='>= 0, less than the distance of discs',
-    ),
-    Parameter(
-        'tendons.disc_mass',
-        'mass of every disc, without that of what it displaces of the fluid [kg]; where '
-        'disc_thickness is not 0',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'tendon_names',
-        'names of the tendons, section by section from the tip; empty for '
-        'tendon_<section>_<tendon>',
-        (),
-        kind=str,
-        range='distinct, not empty',
-    ),
-    Parameter(
-        'tendon_limits',
-        'largest tension that may be commanded of each tendon [N], section by section from '
-        'the tip; empty for what the arm bears',
-        (),
-        range='> 0',
-    ),
-    Parameter(
-        'tension_names',
-        'name of the tension of each tendon in the messages that come in, or its number '
-        'from 0 on where they have no names, section by section from the tip; - for a '
-        'tendon without a load cell, which is slack; empty for tendon_names',
-        (),
-        kind=str,
-        range='distinct, but for -',
-    ),
-    Parameter(
-        'tension_type',
-        'type of the messages of tensions on the topic tendon_tensions/field, such as '
-        'sensor_msgs/msg/LaserScan; empty for no such topic',
-        '',
-    ),
-    Parameter(
-        'tension_field',
-        'the field of these that holds the tensions [N], such as ranges, wrench.force or '
-        'poses[0].position.x',
-        '',
-    ),
-    Parameter(
-        'tension_deadband',
-        'tensions within this of zero are zero, as load cells of slack tendons read; those '
-        'further below are refused [N]',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'tension_offset',
-        'what is added to the reading of each load cell, after tension_scale, section by '
-        'section from the tip [N]; empty for nothing',
-        (),
-    ),
-    Parameter(
-        'tension_scale',
-        'what the reading of each load cell is multiplied by, section by section from the '
-        'tip [-]; empty for 1',
-        (),
-        range='> 0',
-    ),
-    Parameter(
-        'displacement_type',
-        'type of the messages of encoders on tendon_displacements/field; empty for no such topic',
-        '',
-    ),
-    Parameter(
-        'displacement_field',
-        'the field of these that holds the readings, such as angle or motors[0].position',
-        '',
-    ),
-    Parameter(
-        'displacement_names',
-        'name of the reading of the encoder of each tendon in the messages that come in, or '
-        'its number from 0 on where they have no names, section by section from the tip; '
-        'tendons that one motor reels have the same; - for a tendon without an encoder; '
-        'empty for tendon_names',
-        (),
-        kind=str,
-        range='not empty',
-    ),
-    Parameter(
-        'displacement_scale',
-        'length reeled in per unit of what the encoder reads [m]: the radius of the spool '
-        'for radians, its circumference over the counts of a turn for counts; < 0 where the '
-        'motor lets out as it turns forwards; one for all or one per tendon, section by '
-        'section from the tip; empty for 1',
-        (),
-        range='not 0',
-    ),
-    Parameter(
-        'displacement_offset',
-        'what is added to the length of each encoder, after displacement_scale, section by '
-        'section from the tip [m]; empty for nothing',
-        (),
-    ),
-    *LOAD_PARAMETERS,
-    *surroundings.OBSTACLE_PARAMETERS,
-    *surroundings.MOTION_PARAMETERS,
-    Parameter(
-        'solve_budget.iterations',
-        "iterations of Newton's method that a solve of a loaded arm may take; one that "
-        'would take more is refused',
-        1000,
-        range='>= 1',
-    ),
-    Parameter(
-        'solve_budget.seconds',
-        'time that a solve of a loaded arm may take in the node, where nothing else is '
-        'answered meanwhile; one that would take more is refused [s]',
-        0.08,
-        range='> 0',
-    ),
-    Parameter(
-        'friction_memory',
-        'gap between tensions after which the history of tendons with friction is forgotten '
-        'and they are pulled from slack anew [s]; 0 for never',
-        2.0,
-        range='>= 0',
-        what='time',
-    ),
-    Parameter(
-        'markers_rate',
-        'how often markers are published at most [Hz]; 0 for every shape',
-        30.0,
-        range=f'0, or at least {limits.MIN_RATE:g}',
-    ),
-    *DiagnosticLimits.table(),
-    Parameter('tension_stddev', 'standard deviation of every tension [N]', 0.0, range='>= 0'),
-    Parameter(
-        'displacement_stddev',
-        'standard deviation of every displacement of tendons that are driven by length [m]',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'model_error_stddev',
-        'standard deviation of each coordinate of the tip by the error of the model, in '
-        'parts of the length [-]; that of its rotation is twice as many [rad]',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'material.youngs_modulus_stddev',
-        'standard deviation of E, relative to it [-]',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'material.poisson_ratio_stddev',
-        'standard deviation of nu [-]; with model exact',
-        0.0,
-        range='>= 0',
-    ),
-    Parameter(
-        'tendons.offset_stddev',
-        'standard deviation of the distance of every tendon [m]; with model exact',
-        0.0,
-        range='>= 0',
-    ),
-)
+# See `read_table`.
+_TABLE = f"""\
+model | string | {DEFAULT_MODEL!r} | {_MODELS}
+    what turns tensions into strains: {_MODELS}
+stations | integer | {DEFAULT_STATIONS} | 2 and 1 for each anchorage and load, to {MAX_STATIONS}
+    stations along the backbone, anchorages and loads among them; at most {MAX_STATIONS}
+base_frame | string | 'arm_base'
+    frame the backbone is expressed in
+frame_prefix | string | ''
+    what the names of the frames of tip and anchorages begin with
+base.position | double[] | [0.0, 0.0, 0.0]
+    position of the base in base_frame [m]
+base.quaternion | double[] | [0.0, 0.0, 0.0, 1.0] | of length 1
+    orientation of the base in base_frame, x y z w: x axis along the arm, y axis n, z axis b
+material.youngs_modulus | double | | > 0 | unless material.table_s
+    Young's modulus E [Pa]
+material.poisson_ratio | double | 0.5 | in (-1, 0.5]
+    Poisson's ratio nu [-]
+material.shear_modulus | double | 0.0 | 0, or at least E / 3
+    shear modulus G [Pa] instead of poisson_ratio; 0 for E / (2 (1 + nu))
+material.density | double | 0.0 | >= 0
+    density [kg/m^3]; needed under gravity and to move
+material.law | string | {DEFAULT_LAW!r} | {' or '.join(LAWS)}
+    elastic law of the model exact: {_LAWS}
+material.shear | bool | False
+    whether cross sections shear, with law linear
+material.table_s | double[] | [] | increasing from 0 to the tip | most {MAX_TABLE_POINTS}
+    arc coordinates of a material that varies along the arm, from 0 on [m]
+material.table_youngs_modulus | double[] | [] | > 0
+    E at each of table_s [Pa]
+material.table_poisson_ratio | double[] | [] | in (-1, 0.5]
+    nu at each of table_s [-]; empty for poisson_ratio
+body.length | double | | > 0
+    length L of the arm [m]
+body.radius_base | double | | > 0 | unless body.table_s body.width
+    radius at the base [m]
+body.radius_tip | double | | > 0 | unless body.table_s body.width
+    radius at the tip [m]; the arm is refused where more than {MAX_INTERVALS} intervals, each
+    no longer than thick, are needed
+body.disc_radius | double | 0.0 | >= 0
+    radius of discs that lead tendons outside the body [m]; 0 for none; tendons are led all
+    along, unless tendons.discs or disc_count says where the discs are
+body.table_s | double[] | [] | increasing from 0 to the tip | most {MAX_TABLE_POINTS}
+    arc coordinates of a body that is no cone, from 0 to the tip [m]
+body.table_radius | double[] | [] | > 0
+    radius at each of table_s [m]
+body.inner_radius | double | 0.0 | 0 <= inner_radius < radius
+    radius of the bore of a tube, closed and empty [m]; 0 for a solid body
+body.table_inner_radius | double[] | [] | 0 <= inner_radius < radius
+    radius of the bore at each of table_s [m]; empty for inner_radius
+body.width | double | 0.0 | 0, or > 0 with height
+    size along n of a body of rectangular sections [m], instead of a radius; 0 for a round one
+body.height | double | 0.0 | 0, or > 0 with width
+    size along b of rectangular sections [m]
+body.table_width | double[] | [] | > 0, with table_height
+    width at each of body.table_s [m]; empty for a round body
+body.table_height | double[] | [] | > 0, with table_width
+    height at each of body.table_s [m]
+stiffness.axial | double | 0.0 | >= 0
+    E A of the cross sections [N], where it is measured; 0 for that of body and material, as
+    the next
+stiffness.bending | double[] | [] | >= 0
+    E J of bending about n and about b [N m^2], or one number for both; empty for that of body
+    and material
+stiffness.torsion | double | 0.0 | >= 0
+    G I of the cross sections [N m^2]
+stiffness.table_s | double[] | [] | increasing from 0 to the tip | most {MAX_TABLE_POINTS}
+    arc coordinates of stiffness that varies along the arm, a smooth monotone cubic between
+    them, from 0 to the tip [m]
+stiffness.table_axial | double[] | [] | > 0
+    E A [N] at each of stiffness.table_s; empty for axial
+stiffness.table_bending_n | double[] | [] | > 0
+    E J about n [N m^2] at each of stiffness.table_s; empty for bending
+stiffness.table_bending_b | double[] | [] | > 0
+    E J about b [N m^2] at each of stiffness.table_s; empty for bending
+stiffness.table_torsion | double[] | [] | > 0
+    G I [N m^2] at each of stiffness.table_s; empty for torsion
+rest_curvature | double[] | [0.0, 0.0]
+    curvatures about n and about b of the arm where nothing acts on it [1/m]
+rest_torsion | double | 0.0
+    rotation of the cross sections about the tangent per length there [1/m]
+rest.table_s | double[] | [] | increasing from 0 to the tip | most {MAX_TABLE_POINTS}
+    arc coordinates of a shape at rest that varies along the arm, a smooth monotone cubic
+    between them, from 0 to the tip [m]
+rest.table_curvature_n | double[] | []
+    curvature about n at each of rest.table_s [1/m]; empty for rest_curvature
+rest.table_curvature_b | double[] | []
+    curvature about b at each of rest.table_s [1/m]; empty for rest_curvature
+rest.table_torsion | double[] | []
+    torsion at each of rest.table_s [1/m]; empty for rest_torsion
+sections.anchorage | double[] | | decreasing, in (0, body.length] | most {MAX_SECTIONS}
+    arc coordinate of each anchorage, from the tip to the base [m]
+sections.tendons | integer[] | [] | >= 1, at most {MAX_TENDONS} in all
+    number of tendons of each section; empty for four each; at most {MAX_TENDONS} in all
+sections.offset_base | double[] | | 0 to the radius of body or discs | unless tendons.table_s
+    distance of each section's tendons from the midline at the base [m]
+sections.offset_anchorage | double[] | | 0 to the radius of body or discs | unless tendons.table_s
+    distance of each section's tendons from the midline at its anchorage [m]
+tendons.angle | double[] | [] | from -2 pi to 2 pi
+    direction of each tendon at the base [rad], from n towards b, section by section from the
+    tip; empty for even spacing from n on
+tendons.twist | double[] | []
+    angle each tendon winds about the midline up to its anchorage [rad]; empty for straight
+    ones
+tendons.table_s | double[] | [] | increasing from 0 to all anchorages | most {MAX_TABLE_POINTS}
+    arc coordinates of tabulated paths of all tendons, from 0 on [m]
+tendons.table_between | string | 'pchip' | pchip or linear | choice
+    what distance and direction do between table_s: pchip, a smooth monotone cubic, or linear,
+    with kinks at table_s as at rings that guide the tendons
+tendons.table_offset | double[] | [] | 0 to the radius of body or discs | most {MAX_TENDON_TABLE}
+    distance from the midline at each of table_s [m], tendon after tendon
+tendons.table_angle | double[] | [] | | most {MAX_TENDON_TABLE}
+    direction at each of table_s [rad], tendon after tendon; empty for angle
+tendons.axial_stiffness | double[] | [] | >= 0
+    E A of each tendon itself [N], section by section from the tip, or one number for all, by
+    which a winch that is driven by length has to reel in more; 0 for one that does not
+    stretch; empty for none that does
+tendons.free_length | double[] | [] | >= 0
+    length of each tendon between the base and its winch [m], which stretches as well as what
+    runs in the arm, or one number for all; empty for none
+tendons.sheath_stiffness | double[] | [] | >= 0
+    stiffness k of the body about each tendon [Pa]: force per length over how far it digs in,
+    section by section from the tip, or one number for all; with model exact; 0 for tendons
+    that keep their places; empty for all such
+tendons.friction | double[] | [] | >= 0, at most {MAX_FRICTION:g}
+    Coulomb's coefficient of friction mu of the tendons in their guides [-], one for all or one
+    per tendon, section by section from the tip; empty for none; with model closed_form or
+    exact
+tendons.discs | double[] | [] | increasing, in (0, body.length] | most {MAX_DISCS}
+    arc coordinates of the faces towards the tip of discs between which tendons are straight
+    [m]; anchorages are discs too; empty for tendons that the body leads all along; with model
+    exact
+tendons.disc_count | integer | 0 | 0 to {MAX_DISCS}
+    number of discs, spaced evenly from the base to the tip, which is the last, instead of
+    discs; 0 for none; at most {MAX_DISCS}
+tendons.disc_thickness | double | 0.0 | >= 0, less than the distance of discs
+    thickness of every disc, which is rigid, from its face on towards the base [m]; 0 for thin
+    ones
+tendons.disc_mass | double | 0.0 | >= 0
+    mass of every disc, without that of what it displaces of the fluid [kg]; where
+    disc_thickness is not 0
+tendon_names | string[] | [] | distinct, not empty
+    names of the tendons, section by section from the tip; empty for tendon_<section>_<tendon>
+tendon_limits | double[] | [] | > 0
+    largest tension that may be commanded of each tendon [N], section by section from the tip;
+    empty for what the arm bears
+tension_names | string[] | [] | distinct, but for -
+    name of the tension of each tendon in the messages that come in, or its number from 0 on
+    where they have no names, section by section from the tip; - for a tendon without a load
+    cell, which is slack; empty for tendon_names
+tension_type | string | ''
+    type of the messages of tensions on the topic tendon_tensions/field, such as
+    sensor_msgs/msg/LaserScan; empty for no such topic
+tension_field | string | ''
+    the field of these that holds the tensions [N], such as ranges, wrench.force or
+    poses[0].position.x
+tension_deadband | double | 0.0 | >= 0
+    tensions within this of zero are zero, as load cells of slack tendons read; those further
+    below are refused [N]
+tension_offset | double[] | []
+    what is added to the reading of each load cell, after tension_scale, section by section
+    from the tip [N]; empty for nothing
+tension_scale | double[] | [] | > 0
+    what the reading of each load cell is multiplied by, section by section from the tip [-];
+    empty for 1
+displacement_type | string | ''
+    type of the messages of encoders on tendon_displacements/field; empty for no such topic
+displacement_field | string | ''
+    the field of these that holds the readings, such as angle or motors[0].position
+displacement_names | string[] | [] | not empty
+    name of the reading of the encoder of each tendon in the messages that come in, or its
+    number from 0 on where they have no names, section by section from the tip; tendons that
+    one motor reels have the same; - for a tendon without an encoder; empty for tendon_names
+displacement_scale | double[] | [] | not 0
+    length reeled in per unit of what the encoder reads [m]: the radius of the spool for
+    radians, its circumference over the counts of a turn for counts; < 0 where the motor lets
+    out as it turns forwards; one for all or one per tendon, section by section from the tip;
+    empty for 1
+displacement_offset | double[] | []
+    what is added to the length of each encoder, after displacement_scale, section by section
+    from the tip [m]; empty for nothing
+loads.gravity | double[] | [0.0, 0.0, 0.0]
+    acceleration of gravity in base_frame [m/s^2]
+loads.fluid_density | double | 0.0 | >= 0
+    density of the fluid around the arm [kg/m^3]
+loads.tip_force | double[] | [0.0, 0.0, 0.0]
+    force on the tip in base_frame [N]
+loads.tip_moment | double[] | [0.0, 0.0, 0.0]
+    moment on the tip in base_frame [N m]
+loads.tip_frame | string | 'base' | base or tip | choice
+    axes of tip_force and tip_moment: base, for base_frame, or tip, for t, n and b of the tip,
+    with which they turn
+loads.point_s | double[] | [] | in [0, body.length] | most {MAX_POINT_LOADS}
+    arc coordinates of point forces [m]
+loads.point_force | double[] | [] | | most {3 * MAX_POINT_LOADS}
+    x, y, z of each point force in base_frame [N], one after the other
+loads.distributed_s | double[] | [] | increasing, in [0, body.length] | most {MAX_TABLE_POINTS}
+    arc coordinates of a distributed force, linear between them [m]
+loads.distributed_force | double[] | [] | | most {3 * MAX_TABLE_POINTS}
+    x, y, z of the force per length at each, in base_frame [N/m], one after the other
+obstacles.type | string[] | [] | plane, sphere or cylinder | choice | most {MAX_OBSTACLES}
+    what each obstacle is that the arm may touch: plane, sphere or cylinder; empty for none;
+    with model exact
+obstacles.position | double[] | [] | | most {3 * MAX_OBSTACLES}
+    x, y, z of a point of each plane, of the centre of a sphere and of a point of the axis of a
+    cylinder, in base_frame [m], one after the other
+obstacles.direction | double[] | [] | | most {3 * MAX_OBSTACLES}
+    x, y, z of the outward normal of each plane and of the axis of a cylinder, which has no
+    ends, one after the other; those of spheres do not count; empty for 0, 0, 1
+obstacles.radius | double[] | [] | >= 0 | most {MAX_OBSTACLES}
+    radius of each sphere and cylinder [m]; those of planes do not count
+obstacles.stiffness | double[] | [] | > 0 | most {MAX_OBSTACLES}
+    pressure over the depth to which the arm enters each [N/m^3], one for all or one per
+    obstacle
+obstacles.friction | double[] | [] | >= 0, at most {MAX_FRICTION:g} | most {MAX_OBSTACLES}
+    Coulomb's coefficient of friction of the arm on each [-], for an arm that moves: there are
+    no shapes at rest with it; one for all or one per obstacle; empty for none
+obstacles.creep_speed | double[] | [] | > 0 | most {MAX_OBSTACLES}
+    speed at which friction on each has 0.71 of its full size, as slower sliding meets less of
+    it [m/s], one for all or one per obstacle; empty for {Obstacle.creep_speed:g}
+motion.viscosity | double | 0.0 | >= 0
+    viscosity eta of the material [Pa s]: stress per rate of shear strain, three times that of
+    stretch
+motion.damping_time | double | 0.0 | >= 0
+    time by which the stiffness of cross sections is multiplied instead [s]; 3 eta / E is the
+    same for poisson_ratio 0.5
+motion.water | string | '' | {_WATERS}, or empty | choice
+    whose coefficients of drag and added mass are used: {_WATERS}; empty for the next three
+motion.normal_drag | double | 0.0 | >= 0
+    coefficient C_n of the drag across, rho R C_n v |v| per length [-], in a fluid of
+    loads.fluid_density
+motion.tangential_drag | double | 0.0 | >= 0
+    coefficient C_t of the drag along, rho R pi C_t v |v| / 2 per length [-]
+motion.added_mass | double | 0.0 | >= 0
+    mass of water that is accelerated across, over that displaced [-]
+motion.current | double[] | [0.0, 0.0, 0.0]
+    velocity of the water in base_frame [m/s]
+solve_budget.iterations | integer | 1000 | >= 1
+    iterations of Newton's method that a solve of a loaded arm may take; one that would take
+    more is refused
+solve_budget.seconds | double | 0.08 | > 0
+    time that a solve of a loaded arm may take in the node, where nothing else is answered
+    meanwhile; one that would take more is refused [s]
+friction_memory | double | 2.0 | >= 0 | what time
+    gap between tensions after which the history of tendons with friction is forgotten and they
+    are pulled from slack anew [s]; 0 for never
+markers_rate | double | 30.0 | 0, or at least {MIN_RATE:g}
+    how often markers are published at most [Hz]; 0 for every shape
+tension_stddev | double | 0.0 | >= 0
+    standard deviation of every tension [N]
+displacement_stddev | double | 0.0 | >= 0
+    standard deviation of every displacement of tendons that are driven by length [m]
+model_error_stddev | double | 0.0 | >= 0
+    standard deviation of each coordinate of the tip by the error of the model, in parts of the
+    length [-]; that of its rotation is twice as many [rad]
+material.youngs_modulus_stddev | double | 0.0 | >= 0
+    standard deviation of E, relative to it [-]
+material.poisson_ratio_stddev | double | 0.0 | >= 0
+    standard deviation of nu [-]; with model exact
+tendons.offset_stddev | double | 0.0 | >= 0
+    standard deviation of the distance of every tendon [m]; with model exact
+"""
+
+PARAMETERS = (*read_table(_TABLE), *DiagnosticLimits.table())

@@ -17,7 +17,9 @@ from __future__ import annotations
 import copy
 import functools
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -466,9 +468,11 @@ class Dynamics:
         if contact.has_passed(before.place[0, :, POSITION], place):
             raise SolveError('the arm went through an obstacle')
 
-    def save(self, state: MotionState, path: Path) -> None:
-        """Write a ``state`` to the file ``path``, see `save_state`."""
-        save_state(state, path)
+    def save(
+        self, state: MotionState, path: Path, more: Mapping[str, FloatArray] = MappingProxyType({})
+    ) -> None:
+        """Write a ``state``, and ``more`` arrays, to the file ``path``, see `save_state`."""
+        save_state(state, path, more)
 
     def load(self, path: Path) -> MotionState:
         """The state in the file ``path``.

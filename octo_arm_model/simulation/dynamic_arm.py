@@ -2,13 +2,11 @@
 
 import dataclasses
 import functools
-import json
 import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
-from zipfile import ZipFile
+from typing import NamedTuple
 
 import numpy as np
 
@@ -111,10 +109,6 @@ def current_of(values: FloatArray) -> Vector:
 
 
 SUFFIX = '.npz'  # of files of a state
-_PART = 'simulator.json'  # in them, beside the arrays of `Dynamics.save`
-_VERSION = 3
-_MOST_BYTES = 2**20
-
 _STEP = 5e-3  # of the integration, at most [s]
 
 
@@ -255,7 +249,7 @@ class DynamicArm(SimulatedArm):
             gave |= gives
             at = np.where(is_reached, 0.0, at + np.sign(over) * gives)
 
-    def save(self, path: Path, values: Mapping[str, FloatArray | float]) -> None:
+    def save(self, path: Path, values: Mapping[str, FloatArray]) -> None:
         """Write the state, and ``values`` of what pulls the arm, to a file, whole or not at all.
 
         Raises:
@@ -267,11 +261,8 @@ class DynamicArm(SimulatedArm):
                 f'{path} is no file of a state, expected a name that ends with {SUFFIX}'
             )
         part = path.with_name(f'{path.name}.part')
-        plain = {name: np.asarray(value).tolist() for name, value in values.items()}
         try:
-            self._dynamics.save(self.state, part)
-            with ZipFile(part, 'a') as file:
-                file.writestr(_PART, json.dumps({'version': _VERSION, **plain}))
+            self._dynamics.save(self.state, part, values)
             os.replace(part, path)
         except OSError as error:
             part.unlink(missing_ok=True)
@@ -285,23 +276,18 @@ class DynamicArm(SimulatedArm):
         Raises:
             ConfigError: if it cannot be read, or is none of this arm or version.
         """
-        try:
-            with ZipFile(path) as file:
-                if file.getinfo(_PART).file_size > _MOST_BYTES:
-                    raise ValueError(f'{_PART} has more than {_MOST_BYTES} bytes')
-                given = json.loads(file.read(_PART))
-        except KeyError:
-            raise ConfigError(
-                f'{path} is the state of an arm alone, without its winches'
-            ) from None
-        except Exception as error:
-            # Damaged files make zipfile and json raise errors of many types.
-            raise ConfigError(f'{path} cannot be read as a state: {error}') from None
-        if not isinstance(given, dict) or given.get('version') != _VERSION:
-            found = given.get('version') if isinstance(given, dict) else given
-            raise ConfigError(f'{path} is of version {shown(found)}, expected {_VERSION}')
-        values = {name: _array(path, name, given.get(name), one) for name, one in shapes.items()}
-        return self._dynamics.load(path), values
+        state, values = self._dynamics.load(path), {}
+        with np.load(path, allow_pickle=False) as file:
+            for name, shape in shapes.items():
+                if name not in file.files:
+                    raise ConfigError(
+                        f'{path} is the state of an arm alone, without its winches: no {name}'
+                    )
+                array = values[name] = file[name]
+                if array.shape != shape or array.dtype.kind != 'f' or not np.isfinite(array).all():
+                    expected = f'finite numbers {shape}'
+                    raise ConfigError(f'{path}: {name} is {shown(array)}, expected {expected}')
+        return state, values
 
     def restore(self, state: MotionState, around: FloatArray) -> None:
         """Go on from a ``state`` and the values of its surroundings."""
@@ -336,13 +322,3 @@ class DynamicArm(SimulatedArm):
     def true_base_wrench(self) -> FloatArray:
         """Force and moment of all loads about the base, (6,) [N, N m]."""
         return self.state.base_wrench
-
-
-def _array(path: Path, name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        array = np.full(1, np.nan)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ConfigError(f'{path}: {name} is {shown(value)}, expected numbers {shape}')
-    return array

@@ -23,20 +23,7 @@ from octo_arm_model.simulation.profiles import CommandProfile
 
 STEP = 2e-3  # of the integration [s]
 LONGEST_GAP = 10.0  # between readings that one motion goes on through [s]
-_ON_STEP = 1e-6  # so near to the end of a step is there [s]
-
-
-class _Known(NamedTuple):
-    """What is known of the tendons at a time [s]."""
-
-    time: float
-    tensions: FloatArray
-    displacements: dict[str, float]
-
-    @property
-    def inputs(self) -> Inputs:
-        """As a step takes them."""
-        return Inputs(self.tensions, self.displacements)
+_ON_STEP_NS = 1000  # so near to the end of a step is there
 
 
 class DrivenMotion:
@@ -56,8 +43,10 @@ class DrivenMotion:
         self.dynamics, self._step = dynamics, positive('step', step, 's')
         self.starts = 0
         self._state: MotionState | None = None  # after the last whole step
-        self._known: _Known | None = None
-        self._origin_ns, self._steps, self._ended = 0, 0, ''
+        self._known: Inputs | None = None
+        # Since the motion began, when it did, and whole steps since then.
+        self._time_ns, self._origin_ns, self._steps = 0, 0, 0
+        self._ended = ''
         self._newest_ns: dict[str, int] = {}
 
     def read(
@@ -78,27 +67,26 @@ class DrivenMotion:
         """
         source = 'tensions' if displacements is None else 'displacements'
         goes_back = stamp_ns < self._newest_ns.get(source, stamp_ns)
-        last = self._known or _Known(0.0, np.zeros(self.dynamics.solver.arm.tension_shape), {})
-        time = max(1e-9 * (stamp_ns - self._origin_ns), last.time)
-        now = _Known(
-            time,
+        last = self._known or Inputs(np.zeros(self.dynamics.solver.arm.tension_shape))
+        now = Inputs(
             last.tensions if tensions is None else tensions,
             last.displacements if displacements is None else displacements,
         )
-        self.dynamics.checked(now.inputs)
-        begins = self._known is None or goes_back or time - last.time > LONGEST_GAP
+        self.dynamics.checked(now)
+        before, time = self._time_ns, max(stamp_ns - self._origin_ns, self._time_ns)
+        begins = self._known is None or goes_back or time - before > 1e9 * LONGEST_GAP
         self._newest_ns = {**({} if begins else self._newest_ns), source: stamp_ns}
         if begins:
             self._known = None
-            self._state = self.dynamics.at_rest(now.inputs)
-            self._origin_ns, self._steps, self._ended = stamp_ns, 0, ''
-            self._known = now._replace(time=0.0)
+            self._state = self.dynamics.at_rest(now)
+            self._time_ns, self._origin_ns, self._steps, self._ended = 0, stamp_ns, 0, ''
+            self._known = now
             self.starts += 1
             return
-        self._known = now
+        self._known, self._time_ns = now, time
         if not self._ended:
             try:
-                self._advance(last, now)
+                self._advance(before, last, now)
             except SolveError as error:
                 self._ended = str(error)
         if self._ended:
@@ -118,26 +106,30 @@ class DrivenMotion:
         """
         if self._state is None or self._known is None:
             raise SolveError('the arm does not move yet')
-        rest = self._known.time - self._steps * self._step
-        if rest <= _ON_STEP:
+        rest = self._time_ns - self._end_ns(self._steps)
+        if rest <= _ON_STEP_NS:
             return self._state
-        return self.dynamics.step(self._state, self._known.inputs, rest)
+        return self.dynamics.step(self._state, self._known, 1e-9 * rest)
 
-    def _advance(self, before: _Known, now: _Known) -> None:
-        state, step = self._state, self._step
-        assert state is not None
-        if not now.displacements.keys() <= before.displacements.keys():
-            reeled = self.dynamics.displacements(state).tolist()
-            named = dict(zip(self.dynamics.solver.arm.tendon_names, reeled))
-            before = before._replace(displacements=named | before.displacements)
-        while (end := (self._steps + 1) * step) <= now.time + _ON_STEP:
-            part = min((end - before.time) / max(now.time - before.time, _ON_STEP), 1.0)
-            lengths = {
-                name: (1.0 - part) * before.displacements[name] + part * value
+    def _end_ns(self, steps: int) -> float:
+        """Time at the end of so many ``steps``, which need not be whole nanoseconds."""
+        return 1e9 * (steps * self._step)
+
+    def _advance(self, before_ns: int, before: Inputs, now: Inputs) -> None:
+        assert self._state is not None
+        lengths = before.displacements
+        if not now.displacements.keys() <= lengths.keys():
+            reeled = self.dynamics.displacements(self._state).tolist()
+            lengths = {**dict(zip(self.dynamics.solver.arm.tendon_names, reeled)), **lengths}
+        duration = max(self._time_ns - before_ns, _ON_STEP_NS)
+        while (end := self._end_ns(self._steps + 1)) <= self._time_ns + _ON_STEP_NS:
+            part = min((end - before_ns) / duration, 1.0)
+            reeling = {
+                name: (1.0 - part) * lengths[name] + part * value
                 for name, value in now.displacements.items()
             }
-            pulled = (1.0 - part) * before.tensions + part * now.tensions
-            state = self._state = self.dynamics.step(state, Inputs(pulled, lengths), step)
+            pulled = (1.0 - part) * np.asarray(before.tensions) + part * np.asarray(now.tensions)
+            self._state = self.dynamics.step(self._state, Inputs(pulled, reeling), self._step)
             self._steps += 1
 
 

@@ -1,6 +1,6 @@
 """A command profile: the tension of every tendon over time, in CSV and YAML files, and drawn.
 
-Errors in files name the line; a picture needs matplotlib.
+A picture needs matplotlib.
 """
 
 import csv
@@ -9,10 +9,9 @@ import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO, TypeAlias
+from typing import TextIO
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
@@ -21,7 +20,7 @@ from octo_arm_model.arm.errors import ProfileError, listed, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROFILE_BYTES, MAX_PROFILE_ROWS, MAX_YAML_BYTES
 from octo_arm_model.arm.validation import real_numbers
-from octo_arm_model.config.files import NUMBER, compose_yaml, read_text, reading, tension_columns
+from octo_arm_model.config.files import NUMBER, load_yaml, read_text, reading, tension_columns
 from octo_arm_model.rod.stations import interpolated
 
 INTERPOLATIONS = ('smooth', 'linear', 'steps')
@@ -53,11 +52,14 @@ class CommandProfile:
         """Validate; keep read-only copies."""
         if self.interpolation not in INTERPOLATIONS:
             expected = ', '.join(INTERPOLATIONS)
-            raise ProfileError(f'interpolation is {self.interpolation!r}, expected {expected}')
-        given = real_numbers(self.times), real_numbers(self.tensions)
-        if given[0] is None or given[1] is None:
-            raise ProfileError('times and tensions are expected to be numbers')
-        times, tensions = given[0].copy(), given[1].copy()
+            given = shown(self.interpolation)
+            raise ProfileError(f'interpolation is {given}, expected {expected}')
+        arrays = real_numbers(self.times), real_numbers(self.tensions)
+        for name, numbers in zip(('times', 'tensions'), arrays):
+            if numbers is None:
+                raise ProfileError(f'{name} are {shown(getattr(self, name))}, expected numbers')
+        assert arrays[0] is not None and arrays[1] is not None
+        times, tensions = arrays[0].copy(), arrays[1].copy()
         if times.ndim != 1 or tensions.ndim != 2 or len(times) != len(tensions):
             raise ProfileError(
                 f'times are {times.shape} and tensions {tensions.shape}, expected (n,) and '
@@ -125,11 +127,6 @@ def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandPro
     return CommandProfile(np.array([0.0, duration]), rows)
 
 
-# A number as it is written, and its line; and the time and the tensions of a row.
-_Cell: TypeAlias = tuple[int, str]
-_Row: TypeAlias = list[_Cell]
-
-
 class _LineError(Exception):
     """An error in a line of the file."""
 
@@ -146,45 +143,26 @@ def read_profile(path: str | Path, arm: Arm) -> CommandProfile:
     lists in the order of `Arm.tendon_names`, and optionally ``interpolation``.
 
     Raises:
-        ProfileError: if the file cannot be read or is invalid; the message has its name and line.
+        ProfileError: if the file cannot be read or is invalid; the message has its name, and the
+            line of a CSV file or the row of a YAML file.
     """
     with reading(path, ProfileError):
-        return _read(path, arm)
+        try:
+            if Path(path).suffix == '.csv':
+                return _read_csv(read_text(path, MAX_PROFILE_BYTES), arm)
+            return _read_yaml(load_yaml(read_text(path, MAX_YAML_BYTES)), arm)
+        except csv.Error as error:
+            raise ProfileError(f'{path}: not what its suffix says, {error}') from error
+        except _LineError as error:
+            raise ProfileError(f'{path}, {error}') from None
+        except ProfileError as error:
+            raise ProfileError(f'{path}: {error}') from None
 
 
-def _read(path: str | Path, arm: Arm) -> CommandProfile:
-    is_csv = Path(path).suffix == '.csv'
-    text = read_text(path, MAX_PROFILE_BYTES if is_csv else MAX_YAML_BYTES)
-    rows: list[_Row] = []
-    try:
-        rows, interpolation = _read_csv(text, arm) if is_csv else _read_yaml(text, arm)
-        if not rows:
-            raise ProfileError('no rows, expected at least two')
-        names, least = ('time', *arm.tendon_names), (-math.inf, *np.zeros(len(arm.tendons)))
-        numbers = np.array([[*map(_number, row, names, least)] for row in rows])
-        return CommandProfile(numbers[:, 0], numbers[:, 1:], interpolation)
-    except csv.Error as error:
-        raise ProfileError(f'{path}: not what its suffix says, {error}') from error
-    except _LineError as error:
-        raise ProfileError(f'{path}, {error}') from None
-    except ProfileError as error:
-        # Tensions were checked before, so the error of a row is in its time.
-        where = '' if error.row is None else f', line {rows[error.row][0][0]}'
-        raise ProfileError(f'{path}{where}: {error}') from None
-
-
-def _number(cell: _Cell, name: str, least: float) -> float:
-    line, text = cell
-    number = float(text) if NUMBER.match(text) else math.nan
-    if not (math.isfinite(number) and number >= least):
-        expected = 'a finite number >= 0 [N]' if least == 0.0 else 'a finite number [s]'
-        raise _LineError(line, f'{name} is {shown(text)}, expected {expected}')
-    return number
-
-
-def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
+def _read_csv(text: str, arm: Arm) -> CommandProfile:
     reader = csv.reader(io.StringIO(text), skipinitialspace=True)
-    names, header, rows = ('time', *arm.tendon_names), list[str](), list[_Row]()
+    names, header = ('time', *arm.tendon_names), list[str]()
+    lines, rows = list[int](), list[list[float]]()
     for cells in filter(any, reader):
         line = reader.line_num
         if not header:
@@ -197,65 +175,39 @@ def _read_csv(text: str, arm: Arm) -> tuple[list[_Row], str]:
             continue
         if len(cells) != len(header):
             raise _LineError(line, f'{len(cells)} values, expected {len(header)} as in the header')
-        _check_rows(len(rows) + 1, line)
+        if len(rows) == MAX_PROFILE_ROWS:
+            raise _LineError(line, f'more than {MAX_PROFILE_ROWS} rows')
         value = dict(zip(header, cells))
-        rows.append([(line, value[name]) for name in names])
-    return rows, 'smooth'
+        for name in names:
+            is_time, is_number = name == 'time', NUMBER.match(value[name])
+            if not (is_number and (is_time or float(value[name]) >= 0.0)):
+                expected = f'a finite number {"[s]" if is_time else ">= 0 [N]"}'
+                raise _LineError(line, f'{name} is {shown(value[name])}, expected {expected}')
+        lines.append(line)
+        rows.append([float(value[name]) for name in names])
+    numbers = np.array(rows).reshape(-1, len(names))
+    try:
+        return CommandProfile(numbers[:, 0], numbers[:, 1:])
+    except ProfileError as error:
+        if error.row is None:
+            raise
+        raise _LineError(lines[error.row], error.problem) from None
 
 
-def _read_yaml(text: str, arm: Arm) -> tuple[list[_Row], str]:
-    # Nodes instead of values, as they have line numbers.
-    document = compose_yaml(text)
-    if not isinstance(document, yaml.MappingNode):
-        raise _LineError(1, 'expected times: and tensions:')
-    found: dict[str, yaml.Node] = {}
-    for key, node in document.value:
-        if key.value not in ('times', 'tensions', 'interpolation') or key.value in found:
-            raise _LineError(
-                _line(key),
-                f'{shown(key.value)} is unknown or given twice, expected times, tensions and '
-                'maybe interpolation',
-            )
-        found[key.value] = node
-    times, tensions = (_items(found.get(name), name) for name in ('times', 'tensions'))
-    _check_rows(len(times), 1)
-    if len(times) != len(tensions):
-        raise _LineError(
-            _line(found['tensions']),
-            f'{len(tensions)} rows of tensions, expected {len(times)}, one for each of times',
-        )
-    rows = []
-    for time, row in zip(times, tensions):
-        cells = _items(row, 'a row of tensions')
-        if len(cells) != len(arm.tendons):
-            names = ', '.join(arm.tendon_names)
-            raise _LineError(
-                _line(row), f'{len(cells)} values, expected {len(arm.tendons)}: {names}'
-            )
-        rows.append([_scalar(time), *((_line(row), _scalar(cell)[1]) for cell in cells)])
-    interpolation = found.get('interpolation')
-    return rows, 'smooth' if interpolation is None else _scalar(interpolation)[1]
-
-
-def _check_rows(count: int, line: int) -> None:
-    if count > MAX_PROFILE_ROWS:
-        raise _LineError(line, f'more than {MAX_PROFILE_ROWS} rows')
-
-
-def _line(node: yaml.Node | None) -> int:
-    return 1 if node is None else int(node.start_mark.line) + 1
-
-
-def _items(node: yaml.Node | None, name: str) -> list[yaml.Node]:
-    if not isinstance(node, yaml.SequenceNode):
-        raise _LineError(_line(node), f'{name} is no list')
-    return node.value
-
-
-def _scalar(node: yaml.Node) -> _Cell:
-    if not isinstance(node, yaml.ScalarNode):
-        raise _LineError(_line(node), 'a list where one value was expected')
-    return _line(node), node.value
+def _read_yaml(given: object, arm: Arm) -> CommandProfile:
+    known, count = ('times', 'tensions', 'interpolation'), len(arm.tendons)
+    if not isinstance(given, dict) or not {*known[:2]} <= given.keys() <= {*known}:
+        found = listed(list(given)) if isinstance(given, dict) else shown(given)
+        raise ProfileError(f'{found} found, expected times:, tensions: and maybe interpolation:')
+    for name in known[:2]:
+        if not isinstance(given[name], list):
+            raise ProfileError(f'{name} is {shown(given[name])}, expected a list')
+    for number, row in enumerate(given['tensions']):
+        numbers = real_numbers(row)
+        if numbers is None or numbers.shape != (count,):
+            expected = f'{count} numbers: {", ".join(arm.tendon_names)}'
+            raise ProfileError(f'tensions are {shown(row)}, expected {expected}', number)
+    return CommandProfile(given['times'], given['tensions'], given.get(known[2], 'smooth'))
 
 
 def write_csv(file: TextIO, times: FloatArray, tensions: FloatArray, arm: Arm) -> None:

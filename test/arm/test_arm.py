@@ -10,6 +10,7 @@ from octo_arm_model import (
     Arm,
     ArmDefinitionError,
     Body,
+    Config,
     Constant,
     DistributedLoad,
     Function,
@@ -29,6 +30,7 @@ from octo_arm_model import (
 from octo_arm_model.arm.errors import in_short, listed, shown
 from octo_arm_model.arm.loads import ScaledLoads
 from octo_arm_model.arm.stiffness import bending_force
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.rod.displacements import check_displacements
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.wire.tensions import values_by_name
@@ -36,6 +38,7 @@ from octo_arm_model.wire.tensions import values_by_name
 MATERIAL = Material(1.1e5)
 BODY = Body(0.4, 0.02, 0.01)
 Z = (0.0, 0.0, 1.0)
+DEGREES = {**load_parameters('renda2012_prototype'), 'tendons.angle': [0, 90, 180, 270]}
 
 
 def arm_of(*sections: tuple[float, float, float], names: tuple[str, ...] = ()) -> Arm:
@@ -232,6 +235,14 @@ def test_a_table_has_a_bound_and_holds_numbers():
         (lambda: Section(1.0, -1e-9, 0.0), 'section.offset_base is -1e-09, expected a finite'),
         (lambda: Section(1.0, 0.0, math.inf), 'section.offset_anchorage is inf, expected'),
         (lambda: arm_of(), 'sections is (), expected a sequence of at least one section'),
+        (
+            lambda: Section(0.4, 0.0, 0.0, angles=(0.0, 90.0)),
+            'section.angles is 90.0, expected a finite angle within 2 pi of zero, in radians, not',
+        ),
+        (
+            lambda: Config.from_parameters(DEGREES),
+            'tendons.angle[1] is 90.0, expected a finite angle within 2 pi of zero, in radians',
+        ),
         (lambda: arm_of((0.41, 0.0, 0.0)), 'sections[1].anchorage is 0.41, expected at most the'),
         (
             lambda: arm_of((0.2, 0.0, 0.0), (0.4, 0.0, 0.0)),

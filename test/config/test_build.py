@@ -57,7 +57,7 @@ def test_shapes_of_another_arm_are_refused(wrong):
     ('name', 'value', 'kind', 'message'),
     [
         ('tension_offset', [0.1], ConfigError, 'tension_offset has 1 values, expected 12'),
-        ('tension_offset', 12 * [np.nan], ArmDefinitionError, 'tension_offset is nan'),
+        ('tension_offset', 12 * [np.nan], ArmDefinitionError, r'tension_offset\[0\] is nan'),
         ('tension_scale', 11 * [1.0], ConfigError, 'tension_scale has 11 values, expected 12'),
     ],
 )
@@ -150,14 +150,14 @@ def test_obstacles_are_lists_of_what_each_is():
 @pytest.mark.parametrize(
     ('changes', 'message'),
     [
-        ({'type': ['plane', 'cube', 'sphere']}, "obstacles.type has 'cube', expected plane, sph"),
+        ({'type': ['plane', 'cube', 'sphere']}, r"obstacles.type\[1\] is 'cube', expected plane"),
         ({'type': ['plane']}, 'obstacles.position has 9 values, expected 3, three for each of'),
         ({'radius': [0.1]}, 'obstacles.radius has 1 values, expected 3, one per obstacle'),
-        ({'radius': [0.0, 0.0, 0.1]}, r'obstacles\.radius\[1\] is 0.0, expected a finite'),
+        ({'radius': [0.0, 0.0, 0.1]}, r'obstacles\[1\].radius is 0.0, expected a finite'),
         ({'stiffness': []}, 'obstacles.stiffness has 0 values, expected 3, one for all or one pe'),
-        ({'direction': [0.0] * 9}, r'obstacles\.direction\[0:3\] is \(0.0, .*, expected a dir'),
+        ({'direction': [0.0] * 9}, r'obstacles\[0\].normal is \(0.0, .*, expected a dir'),
         ({'type': ['plane'] * 33}, 'obstacles.type has 33 values, expected at most 32'),
-        ({'position': [float('nan')] * 9}, r'obstacles\.position\[0:3\] is .* expected three fin'),
+        ({'position': [float('nan')] * 9}, r'obstacles\.position\[0\] is nan, expected a fin'),
     ],
 )
 def test_obstacles_that_cannot_be_are_refused_by_name(changes, message):

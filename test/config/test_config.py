@@ -358,7 +358,7 @@ def test_a_text_that_no_message_can_carry_is_refused(name, text):
         ({'body.length': 1e9}, 'this arm takes more than 20000 intervals'),
         ({'body.radius_tip': 1e-29}, 'this arm takes more than 20000 intervals'),
         ({'sections.tendons': [10**12]}, 'number of tendons is 1000000000000, expected at most'),
-        ({'sections.anchorage': [0.4] * 65}, 'number of sections is 65, expected at most 64'),
+        ({'sections.anchorage': [0.4] * 65}, 'sections.anchorage has 65 values, expected at'),
         (
             {'loads.point_s': [0.1] * 257, 'loads.point_force': [0.0] * 771},
             'loads.point_s has 257 values, expected at most 256',
@@ -375,10 +375,16 @@ def test_a_text_that_no_message_can_carry_is_refused(name, text):
         ({'base.position': [0.0] * 999}, r'base.position is \(0.0, .*\.\.\., expected 3'),
         # Of what nothing is built from.
         ({'body.table_radius': [0.01] * 1001}, 'body.table_radius has 1001 values, expected at m'),
-        ({'body.table_radius': [0.01, -0.01]}, 'body.table_radius is -0.01, expected a finite nu'),
-        ({'material.table_youngs_modulus': [NAN]}, 'material.table_youngs_modulus is nan, expect'),
-        ({'material.table_poisson_ratio': [INF]}, 'material.table_poisson_ratio is inf, expected'),
-        ({'tendons.table_angle': [1e31]}, 'tendons.table_angle is 1e.31, expected .* at most 1e.'),
+        ({'body.table_radius': [0.01, -0.01]}, r'body.table_radius\[1\] is -0.01, expected a fin'),
+        (
+            {'material.table_youngs_modulus': [NAN]},
+            r'table_youngs_modulus\[0\] is nan, expected a fi',
+        ),
+        (
+            {'material.table_poisson_ratio': [INF]},
+            r'table_poisson_ratio\[0\] is inf, expected a fin',
+        ),
+        ({'tendons.table_angle': [1e31]}, r'table_angle\[0\] is 1e.31, expected .* at most 1e.'),
         ({'tendons.table_offset': [0.0] * 20_001}, 'tendons.table_offset has 20001 values, expec'),
         (
             {

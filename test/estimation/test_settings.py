@@ -160,7 +160,7 @@ def test_models_are_those_of_the_file_solved_by_the_model_exact():
         ({'contact': 'at', 'contact_s': [0.3]}, 'contact_s has 0.3, expected over 0 to 0.27 m'),
         ({'contact': 'somewhere', 'contact_s': [0.1] * 51}, '51 values, expected at most 50'),
         ({'contact': 'at', 'contact_s': [0.1, 0.1]}, r'\[0.1, 0.1\], expected each place once'),
-        ({'marker_s': [float('nan')]}, 'marker_s is nan, expected a finite number'),
+        ({'marker_s': [float('nan')]}, r'marker_s\[0\] is nan, expected a finite number'),
         ({'force_stddev': -1.0}, r'force_stddev is -1.0, expected a finite number >= 0 \[N\]'),
         ({'marker_s': [0.1] * 301}, 'estimator.marker_s has 301 values, expected at most 300'),
         ({'force_time': 0.0}, r'force_time is 0.0, expected a finite number > 0 \[s\]'),

@@ -191,7 +191,7 @@ def test_a_number_outside_its_range_is_refused_by_name(parameter):
         given = {parameter.name: [wrong] if parameter.is_array else wrong}
         with pytest.raises(ArmDefinitionError) as caught:
             SimulatorConfig.from_parameters({**ARM, **of_obstacles, 'model': 'exact', **given})
-        name = f'{parameter.name}[0]' if 'obstacles' in parameter.name else parameter.name
+        name = f'{parameter.name}[0]' if parameter.is_array else parameter.name
         expected = f'{name} is {wrong}, expected a finite'
         if parameter in PARAMETERS:
             what = parameter.what if parameter.range == '>= 0' else 'number'

@@ -82,7 +82,7 @@ def test_a_push_lasts_the_second_half_of_each_period():
     ('values', 'complaint'),
     [
         ({'push.force': [1.0, 0.0]}, r'push.force is \[1.0, 0.0\], expected 3 finite numbers'),
-        ({'push.force': [0.0, np.nan, 0.0]}, 'push.force is nan, expected a finite number'),
+        ({'push.force': [0.0, np.nan, 0.0]}, r'push.force\[1\] is nan, expected a finite number'),
         ({'push.force': [0.0, 0.0, 0.01], 'push.s': 1.0}, 'push.s is 1.0, expected .* within'),
         ({'sensors.markers_rate': 1.0}, 'sensors.marker_s is'),
         ({'sensors.markers_rate': 1.0, 'sensors.marker_s': [0.3]}, 'sensors.marker_s is 0.3'),
