@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.errors import TargetError, shown
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.arm.validation import real_numbers
+from octo_arm_model.arm.validation import real_numbers, set_fields
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import left_jacobian
 from octo_arm_model.rod.sensitivity import Change, Sensitivity
@@ -63,7 +63,7 @@ class TipPosition:
 
     def __post_init__(self) -> None:
         """Validate."""
-        object.__setattr__(self, 'position', _numbers('tip position', self.position, (3,)))
+        set_fields(self, position=_numbers('tip position', self.position, (3,)))
 
     def error(self, backbone: Backbone) -> FloatArray:
         """Position of the tip less that of the target."""
@@ -93,12 +93,12 @@ class TipPose:
 
     def __post_init__(self) -> None:
         """Validate."""
-        object.__setattr__(self, 'position', _numbers('tip position', self.position, (3,)))
+        set_fields(self, position=_numbers('tip position', self.position, (3,)))
         _numbers('length_per_radian', self.length_per_radian, ())
         quaternion = _numbers('tip quaternion', self.quaternion, (4,))
         if abs(np.linalg.norm(quaternion) - 1.0) > 1e-3:
             raise TargetError(f'tip quaternion is {shown(self.quaternion)}, expected length 1')
-        object.__setattr__(self, 'quaternion', quaternion)
+        set_fields(self, quaternion=quaternion)
 
     def error(self, backbone: Backbone) -> FloatArray:
         """Position of the tip less that of the target, and the rotation vector between them."""
@@ -198,8 +198,7 @@ class BackboneShape:
         position = _numbers('backbone position', self.position, (-1, 3))
         if len(position) != len(s):
             raise TargetError(f'backbone position has {len(position)} points, expected {len(s)}')
-        object.__setattr__(self, 's', s)
-        object.__setattr__(self, 'position', position)
+        set_fields(self, s=s, position=position)
 
     def _stations(self, backbone: Backbone) -> IntArray:
         return nearest(self.s, backbone.s)
@@ -238,7 +237,7 @@ class Stiffness:
         if not float(_numbers('stiffness', self.value, ())) > 0.0:
             raise TargetError(f'stiffness is {shown(self.value)}, expected a number > 0 [N/m]')
         direction /= np.abs(direction).max()  # whose squares are within the range of floats
-        object.__setattr__(self, 'direction', direction / np.linalg.norm(direction))
+        set_fields(self, direction=direction / np.linalg.norm(direction))
 
     def of(self, sensitivity: Sensitivity) -> float:
         """Stiffness of a solution along the direction [N/m]."""

@@ -78,13 +78,8 @@ class GivenStiffness:
     torsion: float | Profile = 0.0
 
     def __post_init__(self) -> None:
-        for field, unit in (
-            ('axial', 'N'),
-            ('bending_n', 'N m^2'),
-            ('bending_b', 'N m^2'),
-            ('torsion', 'N m^2'),
-        ):
-            given = getattr(self, field)
+        for field in self.__dataclass_fields__:
+            unit, given = 'N' if field == 'axial' else 'N m^2', getattr(self, field)
             if not isinstance(given, Profile):
                 name = f'stiffness.{field}'
                 set_fields(self, **{field: not_negative(name, given, 'stiffness', unit)})
@@ -114,7 +109,7 @@ class RestShape:
     torsion: float | Profile = 0.0
 
     def __post_init__(self) -> None:
-        for field in ('curvature_n', 'curvature_b', 'torsion'):
+        for field in self.__dataclass_fields__:
             given = getattr(self, field)
             if not isinstance(given, Profile):
                 name = f'rest_{field}'
@@ -162,7 +157,7 @@ class RestShape:
 
 
 class _Outline:
-    """What all bodies have: their outline, and what follows from it."""
+    """What all bodies have: sizes of their outline along s, and what follows from them."""
 
     is_round = True
     length: float
@@ -176,20 +171,25 @@ class _Outline:
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Arc coordinates at which the body is not smooth [m]."""
-        return tuple(knot for profile in self.profiles.values() for knot in profile.knots)
+        """Arc coordinates at which the body, or its bore, is not smooth [m]."""
+        profiles = (*self.profiles.values(), as_profile(self.inner_radius))
+        return tuple(knot for profile in profiles for knot in profile.knots)
 
     def half_sizes(self, s: ArrayLike) -> FloatArray:
         """Half the size along n and along b at arc coordinate ``s`` [m], (2, *shape of s)."""
-        raise NotImplementedError
+        sizes = [profile.value(s) for profile in self.profiles.values()]
+        return np.stack(2 * sizes) if self.is_round else 0.5 * np.stack(sizes)
 
     def radius(self, s: ArrayLike) -> FloatArray:
         """Radius R(s) [m] of the circle around the body at arc coordinate ``s`` [m] (eq. 7)."""
-        raise NotImplementedError
+        along_n, along_b = self.half_sizes(s)
+        return np.asarray(along_n if self.is_round else np.hypot(along_n, along_b))
 
     def geometry(self, s: FloatArray) -> Geometry:
         """Areas and second moments of the cross sections at ``s`` (n,) [m]."""
-        raise NotImplementedError
+        if self.is_round:
+            return Geometry.of_tube(self.radius(s), as_profile(self.inner_radius).value(s))
+        return Geometry.of_rectangle(*(2.0 * self.half_sizes(s)))
 
     def _check_common(self) -> None:
         set_fields(
@@ -197,38 +197,13 @@ class _Outline:
             length=positive('body.length', self.length, 'm'),
             disc_radius=not_negative('body.disc_radius', self.disc_radius, 'radius', 'm'),
         )
-
-
-class _Round(_Outline):
-    """A solid body or a tube."""
-
-    @property
-    def knots(self) -> tuple[float, ...]:
-        """See `_Outline`; those of the bore too."""
-        return super().knots + as_profile(self.inner_radius).knots
-
-    def half_sizes(self, s: ArrayLike) -> FloatArray:
-        """See `_Outline`."""
-        return np.stack(2 * [self.radius(s)])
-
-    def radius(self, s: ArrayLike) -> FloatArray:
-        """See `_Outline`."""
-        (profile,) = self.profiles.values()
-        return profile.value(s)
-
-    def geometry(self, s: FloatArray) -> Geometry:
-        """See `_Outline`."""
-        return Geometry.of_tube(self.radius(s), as_profile(self.inner_radius).value(s))
-
-    def _check_common(self) -> None:
-        super()._check_common()
-        if not isinstance(self.inner_radius, Profile):
+        if self.is_round and not isinstance(self.inner_radius, Profile):
             inner = not_negative('body.inner_radius', self.inner_radius, 'radius', 'm')
             set_fields(self, inner_radius=inner)
 
 
 @dataclass(frozen=True)
-class Body(_Round):
+class Body(_Outline):
     """Circular body whose radius varies linearly along s (eq. 7).
 
     Attributes:
@@ -265,7 +240,7 @@ class Body(_Round):
 
 
 @dataclass(frozen=True)
-class ProfiledBody(_Round):
+class ProfiledBody(_Outline):
     """Circular body of any radius along s.
 
     Attributes:
@@ -325,15 +300,3 @@ class RectangularBody(_Outline):
     def profiles(self) -> dict[str, Profile]:
         """See `_Outline`."""
         return {'body.width': as_profile(self.width), 'body.height': as_profile(self.height)}
-
-    def half_sizes(self, s: ArrayLike) -> FloatArray:
-        """See `_Outline`."""
-        return 0.5 * np.stack([profile.value(s) for profile in self.profiles.values()])
-
-    def radius(self, s: ArrayLike) -> FloatArray:
-        """See `_Outline`."""
-        return np.asarray(np.hypot(*self.half_sizes(s)))
-
-    def geometry(self, s: FloatArray) -> Geometry:
-        """See `_Outline`."""
-        return Geometry.of_rectangle(*(2.0 * self.half_sizes(s)))

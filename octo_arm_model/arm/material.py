@@ -150,18 +150,12 @@ class MotionProperties:
     current: Vector = ZERO
 
     def __post_init__(self) -> None:
-        def checked(field: str, what: str, unit: str) -> float:
-            return not_negative(f'motion.{field}', getattr(self, field), what, unit)
-
-        set_fields(
-            self,
-            viscosity=checked('viscosity', 'viscosity', 'Pa s'),
-            damping_time=checked('damping_time', 'time', 's'),
-            normal_drag=checked('normal_drag', 'coefficient', '-'),
-            tangential_drag=checked('tangential_drag', 'coefficient', '-'),
-            added_mass=checked('added_mass', 'coefficient', '-'),
-            current=vector('motion.current', self.current, 'm/s'),
-        )
+        units = {'viscosity': 'Pa s', 'damping_time': 's'}
+        units |= dict.fromkeys(WaterCoefficients._fields, '-')
+        for field, unit in units.items():
+            value = not_negative(f'motion.{field}', getattr(self, field), 'number', unit)
+            set_fields(self, **{field: value})
+        set_fields(self, current=vector('motion.current', self.current, 'm/s'))
         if self.viscosity and self.damping_time:
             expected = '0 where motion.viscosity is given'
             raise ArmDefinitionError('motion.damping_time', self.damping_time, expected)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class Obstacle(abc.ABC):
     stiffness: float
     friction: float = 0.0
     creep_speed: float = 1e-3
+    _place: ClassVar[str] = 'point'  # the field that says where it is
 
     def _check(self, kind: str) -> None:
         name = f'{kind}.friction'
@@ -66,9 +67,11 @@ class Obstacle(abc.ABC):
         For bodies of a ``radius`` (n,) [m]: where they would go through it, not along it.
         """
 
-    @abc.abstractmethod
     def moved(self: _Any, by: FloatArray) -> _Any:
         """The same, moved ``by`` (3,) [m]."""
+        place = np.array(getattr(self, self._place)) + by
+        moved: dict[str, Any] = {self._place: tuple(place.tolist())}
+        return replace(self, **moved)
 
 
 @dataclass(frozen=True)
@@ -104,13 +107,40 @@ class Plane(Obstacle):
         """See `Obstacle`: it has no other side."""
         return np.zeros(len(before), np.bool_)
 
-    def moved(self, by: FloatArray) -> Plane:
+
+class _Round(Obstacle):
+    """What has one radius about a centre or an axis."""
+
+    radius: float
+
+    @property
+    def _across(self) -> FloatArray:
+        """The part of a vector that leads away from centre or axis, (3, 3)."""
+        raise NotImplementedError
+
+    def _offset(self, place: FloatArray) -> FloatArray:
+        return np.asarray((place - getattr(self, self._place)) @ self._across)
+
+    def nearest(self, place: FloatArray) -> Nearest:
         """See `Obstacle`."""
-        return replace(self, point=_sum(self.point, by))
+        offset = self._offset(place)
+        size = np.maximum(np.sqrt((offset * offset).sum(axis=1)), _LEAST)
+        normal = offset / size[:, np.newaxis]
+        turn = self._across - normal[:, :, np.newaxis] * normal[:, np.newaxis]
+        return Nearest(size - self.radius, normal, turn / size[:, np.newaxis, np.newaxis])
+
+    def has_between(self, before: FloatArray, after: FloatArray, radius: FloatArray) -> BoolArray:
+        """See `Obstacle`: whether they pass centre or axis within half of both radii."""
+        start = self._offset(before)
+        motion = self._offset(after) - start
+        squared = np.maximum((motion * motion).sum(axis=1), _LEAST**2)
+        part = np.clip(-(start * motion).sum(axis=1) / squared, 0.0, 1.0)
+        least = start + part[:, np.newaxis] * motion
+        return np.asarray((least * least).sum(axis=1) < (0.5 * (self.radius + radius)) ** 2)
 
 
 @dataclass(frozen=True)
-class Sphere(Obstacle):
+class Sphere(_Round):
     """A ball.
 
     Attributes:
@@ -123,6 +153,7 @@ class Sphere(Obstacle):
 
     centre: Vector
     radius: float
+    _place = 'centre'
 
     def __post_init__(self) -> None:
         self._check('Sphere')
@@ -132,21 +163,13 @@ class Sphere(Obstacle):
             radius=positive('Sphere.radius', self.radius, 'm'),
         )
 
-    def nearest(self, place: FloatArray) -> Nearest:
-        """See `Obstacle`."""
-        return _from_axis(place - self.centre, np.eye(3), self.radius)
-
-    def has_between(self, before: FloatArray, after: FloatArray, radius: FloatArray) -> BoolArray:
-        """See `Obstacle`."""
-        return _pass(before - self.centre, after - self.centre, self.radius + radius)
-
-    def moved(self, by: FloatArray) -> Sphere:
-        """See `Obstacle`."""
-        return replace(self, centre=_sum(self.centre, by))
+    @property
+    def _across(self) -> FloatArray:
+        return np.eye(3)
 
 
 @dataclass(frozen=True)
-class Cylinder(Obstacle):
+class Cylinder(_Round):
     """A round post without ends.
 
     Attributes:
@@ -175,39 +198,6 @@ class Cylinder(Obstacle):
     def _across(self) -> FloatArray:
         return np.asarray(np.eye(3) - np.outer(self.axis, self.axis))
 
-    def nearest(self, place: FloatArray) -> Nearest:
-        """See `Obstacle`."""
-        return _from_axis((place - self.point) @ self._across, self._across, self.radius)
-
-    def has_between(self, before: FloatArray, after: FloatArray, radius: FloatArray) -> BoolArray:
-        """See `Obstacle`."""
-        start, end = ((place - self.point) @ self._across for place in (before, after))
-        return _pass(start, end, self.radius + radius)
-
-    def moved(self, by: FloatArray) -> Cylinder:
-        """See `Obstacle`."""
-        return replace(self, point=_sum(self.point, by))
-
-
-def _from_axis(offset: FloatArray, across: FloatArray, radius: float) -> Nearest:
-    """The surface at a ``radius`` about a centre or axis, from ``offset`` (n, 3) of this.
-
-    ``across`` (3, 3) takes the part of a vector that leads away from it.
-    """
-    size = np.maximum(np.sqrt((offset * offset).sum(axis=1)), _LEAST)
-    normal = offset / size[:, np.newaxis]
-    turn = across - normal[:, :, np.newaxis] * normal[:, np.newaxis]
-    return Nearest(size - radius, normal, turn / size[:, np.newaxis, np.newaxis])
-
-
-def _pass(before: FloatArray, after: FloatArray, reach: FloatArray) -> BoolArray:
-    """Whether motions (n, 3) pass the origin within half of ``reach`` (n,)."""
-    motion = after - before
-    squared = np.maximum((motion * motion).sum(axis=1), _LEAST**2)
-    part = np.clip(-(before * motion).sum(axis=1) / squared, 0.0, 1.0)
-    least = before + part[:, np.newaxis] * motion
-    return np.asarray((least * least).sum(axis=1) < (0.5 * reach) ** 2)
-
 
 def _direction(name: str, value: object) -> Vector:
     given = np.array(vector(name, value, '-'))
@@ -215,9 +205,4 @@ def _direction(name: str, value: object) -> Vector:
     if not (size > 0.0 and np.isfinite(size)):
         raise ArmDefinitionError(name, value, 'a direction, not zero')
     x, y, z = (given / size).tolist()
-    return x, y, z
-
-
-def _sum(point: Vector, by: FloatArray) -> Vector:
-    x, y, z = (np.array(point) + by).tolist()
     return x, y, z

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 
 import numpy as np
 
@@ -16,6 +16,8 @@ FARTHEST = 1e9  # [m] of a base from its frame: positions are then rounded to 1e
 class Pose:
     """Position [m] and orientation in the base frame, a quaternion x, y, z, w made unit.
 
+    Errors call them by ``names``.
+
     Raises:
         ConfigError: if a component is not finite or beyond `FARTHEST`, or the quaternion's length
             is not within 1e-3 of 1.
@@ -23,28 +25,11 @@ class Pose:
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    names: InitVar[tuple[str, str]] = ('base.position', 'base.quaternion')
 
-    def __post_init__(self) -> None:
-        position = _numbers('base.position', self.position, 3)
-        quaternion = _unit('base.quaternion', self.quaternion)
-        set_fields(self, position=tuple(position), quaternion=tuple(quaternion))
-
-    @classmethod
-    def called(
-        cls,
-        position_name: str,
-        quaternion_name: str,
-        position: tuple[float, float, float],
-        quaternion: tuple[float, float, float, float],
-    ) -> Pose:
-        """A pose whose ``position`` and ``quaternion`` have other names in errors.
-
-        Raises:
-            ConfigError: as of a `Pose`.
-        """
-        _numbers(position_name, position, 3)
-        _unit(quaternion_name, quaternion)
-        return cls(position, quaternion)
+    def __post_init__(self, names: tuple[str, str]) -> None:
+        position = tuple(_numbers(names[0], self.position, 3))
+        set_fields(self, position=position, quaternion=tuple(_unit(names[1], self.quaternion)))
 
 
 def _numbers(name: str, values: object, size: int) -> list[float]:

@@ -332,8 +332,8 @@ def read_alignment(words: Sequence[str]) -> Alignment | None:
         raise ConfigError(
             f'--align is {" ".join(words)}, expected fit, none or X Y Z QX QY QZ QW'
         ) from None
-    pose = Pose.called('--align: position', '--align: quaternion', (x, y, z), (a, b, c, d))
-    return Alignment.from_pose(pose)
+    names = '--align: position', '--align: quaternion'
+    return Alignment.from_pose(Pose((x, y, z), (a, b, c, d), names))
 
 
 def read_columns(words: Sequence[str]) -> dict[str, str]:

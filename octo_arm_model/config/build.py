@@ -14,7 +14,7 @@ from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_DISCS
 from octo_arm_model.arm.material import Material
-from octo_arm_model.arm.profile import LINEAR, Constant, Linear, Profile, Table
+from octo_arm_model.arm.profile import LINEAR, Constant, Profile, Table
 from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon, check_angle
 from octo_arm_model.arm.validation import positive
 from octo_arm_model.config.parameter import Values, check_length
@@ -77,28 +77,19 @@ class LoadCellCalibration:
 
         Nothing is refused: tensions below minus the deadband are returned as they are.
         """
-        count = len(self.scale) or len(self.offset)
-        if not count:
-            return np.where(np.abs(readings) <= self.deadband, 0.0, readings)
-        # Sections with equal numbers of tendons are rows.
-        axes = 1 if readings.shape[-1] == count else 2
-        shape = readings.shape[-axes:]
-        scale, offset = self._columns(shape)
+        flat, count = readings, max(len(self.scale), len(self.offset))
+        if count and readings.shape[-1] != count:
+            # Sections with equal numbers of tendons are rows.
+            flat = readings.reshape(*readings.shape[:-2], count)
+        offset = np.array(self.offset or 0.0)
         with np.errstate(all='ignore'):  # what is not finite is refused as a tension
-            tensions = scale * readings + offset
+            tensions = flat * (self.scale or 1.0) + offset
         band = np.maximum(self.deadband, _ROUNDING * np.abs(offset))
-        return np.where(np.abs(tensions) <= band, 0.0, tensions)
+        return np.where(np.abs(tensions) <= band, 0.0, tensions).reshape(readings.shape)
 
     def readings(self, tensions: FloatArray) -> FloatArray:
         """Readings of cells without errors under ``tensions`` (tendons,) [N]: the inverse."""
-        scale, offset = self._columns(tensions.shape)
-        return np.asarray((tensions - offset) / scale)
-
-    def _columns(self, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """Scale and offset of each tendon, in the ``shape`` of a set of tensions."""
-        scale = np.array(self.scale).reshape(shape) if self.scale else np.ones(shape)
-        offset = np.array(self.offset).reshape(shape) if self.offset else np.zeros(shape)
-        return scale, offset
+        return np.asarray((tensions - np.array(self.offset or 0.0)) / (self.scale or 1.0))
 
 
 @dataclass(frozen=True)
@@ -295,8 +286,7 @@ def _along(given: Values, group: str, name: str, constant: float) -> float | Pro
         return constant
     if constant:
         raise ConfigError(f'{table} and the same for all s are given, expected one of both')
-    check_length(table, given[table], len(given[s]), f', one for each of {s}')
-    return Table(tuple(given[s]), tuple(given[table]), table)
+    return _table(given, table, given[s])
 
 
 def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
@@ -367,6 +357,6 @@ def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
     return tendons
 
 
-def _table(given: Values, name: str, s: Sequence[float]) -> Table | Linear:
+def _table(given: Values, name: str, s: Sequence[float]) -> Table:
     check_length(name, given[name], len(s), f', one for each of {name.split(".")[0]}.table_s')
     return Table(tuple(s), tuple(given[name]), name)

@@ -29,12 +29,12 @@ class Parameter:
         description: what it is, with its unit in brackets.
         default: value where none is given; None means it must be given.
         range: allowed values, in words; the core checks them.
-        is_choice: whether the range lists them all, as 'pchip or linear'.
+        is_choice: whether the range lists them all, as 'pchip or linear' or 'one of a, b, c'.
         unless: names of parameters that replace it; if one is given it may be missing.
         most: number of values that a list has at most, whether they are used or not.
         what: what errors call a value.
-        kind: type of a value, or of those of a list: that of the default, where this tells.
-        is_array: whether it is a list, as any that has one for default.
+        kind: type of a value, or of those of a list.
+        is_array: whether it is a list.
     """
 
     name: str
@@ -47,14 +47,6 @@ class Parameter:
     what: str = 'number'
     kind: type = float
     is_array: bool = False
-
-    def __post_init__(self) -> None:
-        """Take kind and form from the default."""
-        if isinstance(self.default, tuple):
-            object.__setattr__(self, 'is_array', True)
-        if self.default not in (None, ()):
-            element = self.default[0] if self.is_array else self.default
-            object.__setattr__(self, 'kind', type(element))
 
     @property
     def type_name(self) -> str:
@@ -104,6 +96,7 @@ class Parameter:
 
     def _check_one(self, name: str, value: Any) -> None:
         unit = ''.join(_UNIT.findall(self.description)[:1])
+        choices = _WORDS.split(self.range.removeprefix('one of ')) if self.is_choice else []
         if self.range == '>= 0' and self.kind is int:
             validation.whole(name, value)
         elif self.range == '>= 0':
@@ -114,7 +107,7 @@ class Parameter:
             validation.within(name, value, float(ends[1]), float(ends[2]), unit)
         elif self.kind is float:
             validation.finite(name, value)
-        elif self.is_choice and value not in (*_WORDS.split(self.range), self.default):
+        elif choices and value not in (*choices, self.default):
             raise ConfigError(f'{name} is {shown(value)}, expected {self.range}')
 
     def _convert_one(self, element: object, value: object) -> Any:
@@ -201,7 +194,10 @@ def stated(
     refused by `Parameter.check`, whose error says ``what`` they are. An array has ``most`` values
     at most.
     """
-    parameter = Parameter('', description, default, allowed, most=most, what=what)
+    is_array = isinstance(default, tuple)
+    kind = type((default or (0.0,))[0] if is_array else default)
+    options: dict[str, Any] = {'most': most, 'what': what, 'kind': kind, 'is_array': is_array}
+    parameter = Parameter('', description, default, allowed, **options)
     return dataclasses.field(default=default, metadata={'stated': parameter})
 
 

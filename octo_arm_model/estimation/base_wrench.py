@@ -71,14 +71,12 @@ _KNOWN: weakref.WeakKeyDictionary[ArmModel, _Sums] = weakref.WeakKeyDictionary()
 
 def _sums(model: ArmModel) -> _Sums:
     if model not in _KNOWN:
-        if model.loads.others:
-            raise MeasurementError('base wrench: loads.others are not covered')
         grid, state = model.solver.grid, model.state
         moment = np.zeros((3, state.size + 1))
         at_stations = np.zeros((grid.s.size, 3, state.size + 1))
         columns = range(state.size)[state.unit_loads]
         for column, loads in (*zip(columns, model.unit_loads), (state.size, model.loads)):
-            at_stations[..., column] = _at_stations(model.arm, grid, loads)
+            at_stations[..., column] = forces_at_stations(model.arm, grid, loads)
             moments = [loads.tip_moment, *(point.moment for point in loads.points)]
             moment[:, column] = np.sum(moments, axis=0)
         np.fill_diagonal(at_stations[-1, :, state.tip_force], 1.0)
@@ -87,8 +85,14 @@ def _sums(model: ArmModel) -> _Sums:
     return _KNOWN[model]
 
 
-def _at_stations(arm: Arm, grid: StationGrid, loads: Loads) -> FloatArray:
-    """Forces at stations (stations, 3) of the moment of ``loads``, which lie between them."""
+def forces_at_stations(arm: Arm, grid: StationGrid, loads: Loads) -> FloatArray:
+    """Forces at stations (stations, 3) [N] with the moment of those of ``loads`` between them.
+
+    Raises:
+        MeasurementError: if there are loads of other kinds.
+    """
+    if loads.others:
+        raise MeasurementError('base wrench: loads.others are not covered')
     points, weights = leggauss(_GAUSS)
     inner = [s for s in (*loads.knots, *arm.discs.faces) if 0.0 < s < arm.length]
     ends = np.union1d(grid.s, inner)

@@ -59,13 +59,9 @@ class ArmModel:
         model: str = 'exact',
         *,
         loads: Loads = Loads(),
-        has_history: bool = False,
         **options: Any,
     ) -> None:
         """Prepare ``arm`` for ``unknowns``; ``loads`` and ``options`` are those of `Solver`.
-
-        Where it ``has_history`` tendons with friction go on from the shape that a prediction is
-        followed from, as those of a simulated arm, whose states come one after another.
 
         Raises:
             ConfigError: as `Solver`; if external forces are unknown and the model has no loads; if
@@ -86,7 +82,7 @@ class ArmModel:
                 'sheath_stiffness, which is not in proportion to E, does not go with '
                 'an unknown log_modulus'
             )
-        if any(arm.friction) and not has_history:
+        if any(arm.friction):
             # The shape follows from the course of the tensions then, which is not in the state.
             if unknowns.tension_loss is None:
                 raise ConfigError('tendons have friction, expected an unknown tension_loss')
@@ -119,7 +115,7 @@ class ArmModel:
     ) -> ArmModel:
         """The arm of ``config``, with its base, loads, elastic law and, by default, stations.
 
-        ``options`` are has_history, compiled and budget.
+        ``options`` are compiled and budget.
 
         Raises:
             OctoArmError: as the constructor.

@@ -182,7 +182,8 @@ class TransformTree:
         x, y, z = place.tolist()
         qx, qy, qz, qw = turned.as_quat().tolist()
         of = f'of {frame[:MAX_NAME]!r}'
-        return Pose.called(f'the position {of}', f'the rotation {of}', (x, y, z), (qx, qy, qz, qw))
+        names = f'the position {of}', f'the rotation {of}'
+        return Pose((x, y, z), (qx, qy, qz, qw), names)
 
     def known_until(self, frame: str, target: str) -> float:
         """Stamp [ns] after which the pose of ``frame`` in ``target`` is not known; inf for none.

@@ -19,7 +19,6 @@ import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -469,10 +468,10 @@ class Dynamics:
             raise SolveError('the arm went through an obstacle')
 
     def save(
-        self, state: MotionState, path: Path, more: Mapping[str, FloatArray] = MappingProxyType({})
+        self, state: MotionState, path: Path, more: Mapping[str, FloatArray] | None = None
     ) -> None:
         """Write a ``state``, and ``more`` arrays, to the file ``path``, see `save_state`."""
-        save_state(state, path, more)
+        save_state(state, path, more or {})
 
     def load(self, path: Path) -> MotionState:
         """The state in the file ``path``.

@@ -109,10 +109,7 @@ class MotionState:
 
 
 def save_state(state: MotionState, path: Path, more: Mapping[str, FloatArray]) -> None:
-    """Write a ``state`` to the file ``path``, from which `load_state` restores it to the bit.
-
-    And ``more`` arrays with other names, which that leaves alone.
-    """
+    """Write a ``state``, and ``more`` arrays, to ``path``: `load_state` restores it to the bit."""
     arrays = {name: getattr(state, name) for name in _ARRAYS} | dict(more)
     arrays['numbers'] = np.array(
         [_VERSION, state.time, state.residual, state.iterations, state.dt]

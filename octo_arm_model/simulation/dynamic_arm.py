@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.errors import ConfigError, LoadError, SolveError, shown
-from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.loads import Loads, PointLoad, ScaledLoads, Vector
+from octo_arm_model.arm.hints import FloatArray, Vector
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import LARGEST, vector
 from octo_arm_model.config.config import Config
@@ -135,16 +134,8 @@ class DynamicArm(SimulatedArm):
 
     def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
         """Of the arm of ``config``, by the model exact; OctoArmError if the arm has no density."""
-        super().__init__(sensors)
-        self._at_tip = push.is_at_tip(config.arm.length)
-        self._push: ScaledLoads | None = None
-        if not self._at_tip:
-            axes = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-            units = [Loads(points=(PointLoad(push.s, axis),)) for axis in axes]
-            self._push = ScaledLoads(units)
-            loads = dataclasses.replace(config.loads, scaled=self._push)
-            config = dataclasses.replace(config, loads=loads)
-        self._config, self._dynamics = config, config.dynamics()
+        super().__init__(config, push, sensors, is_pushed=True)
+        self._dynamics = self._pushed.dynamics()
         # Several sensors and the ground truth see one state.
         self._shape_of = functools.lru_cache(1)(self._dynamics.backbone)
         self._names = np.array(config.arm.tendon_names)
@@ -156,12 +147,8 @@ class DynamicArm(SimulatedArm):
         """As `SimulatedArm.go_on_from`; another arm begins at rest."""
         if not isinstance(before, DynamicArm):
             return False
-        configs = [
-            dataclasses.replace(config, loads=dataclasses.replace(config.loads, scaled=None))
-            for config in (self._config, before._config)
-        ]
         mine, theirs = (one._dynamics.nodes.s for one in (self, before))
-        if configs[0].has_balance_of(configs[1]) and np.array_equal(mine, theirs):
+        if self._config.has_balance_of(before._config) and np.array_equal(mine, theirs):
             self._state, self.surroundings = before._state, before.surroundings
             self._held = before._held
             return False
@@ -199,9 +186,7 @@ class DynamicArm(SimulatedArm):
         Raises:
             SolveError: if no step succeeds; the last state stays.
         """
-        if self._push is not None:
-            self._push.magnitudes[:] = force
-        wrench = np.append(force * self._at_tip, np.zeros(3))
+        wrench = self._wrench(force)
         inputs = Inputs(tensions.reshape(self._config.arm.tension_shape), tip_wrench=wrench)
         state = self._state
         if state is None:
@@ -284,7 +269,8 @@ class DynamicArm(SimulatedArm):
                         f'{path} is the state of an arm alone, without its winches: no {name}'
                     )
                 array = values[name] = file[name]
-                if array.shape != shape or array.dtype.kind != 'f' or not np.isfinite(array).all():
+                is_fine = array.shape == shape and array.dtype.kind == 'f'
+                if not (is_fine and (np.abs(array) < LARGEST).all()):
                     expected = f'finite numbers {shape}'
                     raise ConfigError(f'{path}: {name} is {shown(array)}, expected {expected}')
         return state, values

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.validation import not_negative, positive
+from octo_arm_model.arm.validation import positive
 from octo_arm_model.config.build import LoadCellCalibration
 from octo_arm_model.config.parameter import ParameterGroup, stated
 
@@ -24,9 +24,10 @@ class Winches(ParameterGroup):
 
     slack_floor: float = stated('least tension the winches keep [N]', 0.0, '>= 0', 'tension')
     force_limit: float = stated(
-        'largest tension of the winches [N]; 0 for no limit',
+        'largest tension of the winches, at least slack_floor [N]; 0 for no limit',
         0.0,
-        '0, or at least winches.slack_floor',
+        '>= 0',
+        'tension',
     )
     rate_limit: float = stated(
         'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0, '>= 0', 'rate'
@@ -53,7 +54,6 @@ class Winches(ParameterGroup):
     def __post_init__(self) -> None:
         """Validate."""
         super().__post_init__()
-        not_negative('winches.force_limit', self.force_limit, 'tension', 'N')
         if 0.0 < self.force_limit < self.slack_floor:
             expected = f'0, or at least winches.slack_floor, {self.slack_floor} [N]'
             raise ArmDefinitionError('winches.force_limit', self.force_limit, expected)

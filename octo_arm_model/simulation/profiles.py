@@ -127,13 +127,6 @@ def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandPro
     return CommandProfile(np.array([0.0, duration]), rows)
 
 
-class _LineError(Exception):
-    """An error in a line of the file."""
-
-    def __init__(self, line: int, problem: str) -> None:
-        super().__init__(f'line {line}: {problem}')
-
-
 def read_profile(path: str | Path, arm: Arm) -> CommandProfile:
     """Read a profile for ``arm``.
 
@@ -153,8 +146,6 @@ def read_profile(path: str | Path, arm: Arm) -> CommandProfile:
             return _read_yaml(load_yaml(read_text(path, MAX_YAML_BYTES)), arm)
         except csv.Error as error:
             raise ProfileError(f'{path}: not what its suffix says, {error}') from error
-        except _LineError as error:
-            raise ProfileError(f'{path}, {error}') from None
         except ProfileError as error:
             raise ProfileError(f'{path}: {error}') from None
 
@@ -171,18 +162,21 @@ def _read_csv(text: str, arm: Arm) -> CommandProfile:
             # A tendon may be called time as well.
             if sorted(header) != sorted(names) or len(set(names)) < len(names):
                 expected = ', '.join(names)
-                raise _LineError(line, f'header is {listed(header)}; expected {expected}')
+                raise ProfileError(f'line {line}: header is {listed(header)}; expected {expected}')
             continue
         if len(cells) != len(header):
-            raise _LineError(line, f'{len(cells)} values, expected {len(header)} as in the header')
+            expected = f'{len(header)} as in the header'
+            raise ProfileError(f'line {line}: {len(cells)} values, expected {expected}')
         if len(rows) == MAX_PROFILE_ROWS:
-            raise _LineError(line, f'more than {MAX_PROFILE_ROWS} rows')
+            raise ProfileError(f'line {line}: more than {MAX_PROFILE_ROWS} rows')
         value = dict(zip(header, cells))
         for name in names:
             is_time, is_number = name == 'time', NUMBER.match(value[name])
             if not (is_number and (is_time or float(value[name]) >= 0.0)):
                 expected = f'a finite number {"[s]" if is_time else ">= 0 [N]"}'
-                raise _LineError(line, f'{name} is {shown(value[name])}, expected {expected}')
+                raise ProfileError(
+                    f'line {line}: {name} is {shown(value[name])}, expected {expected}'
+                )
         lines.append(line)
         rows.append([float(value[name]) for name in names])
     numbers = np.array(rows).reshape(-1, len(names))
@@ -191,7 +185,7 @@ def _read_csv(text: str, arm: Arm) -> CommandProfile:
     except ProfileError as error:
         if error.row is None:
             raise
-        raise _LineError(lines[error.row], error.problem) from None
+        raise ProfileError(f'line {lines[error.row]}: {error.problem}') from None
 
 
 def _read_yaml(given: object, arm: Arm) -> CommandProfile:

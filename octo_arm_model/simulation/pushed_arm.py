@@ -1,5 +1,7 @@
 """Simulated arms: what pushes them, what sensors besides load cells read; the one at rest."""
 
+import dataclasses
+import functools
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,20 +12,18 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.errors import ArmDefinitionError
-from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.limits import Budget
+from octo_arm_model.arm.hints import FloatArray, Vector
+from octo_arm_model.arm.loads import Loads, PointLoad, ScaledLoads
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.stiffness import bending_force, default_highest
-from octo_arm_model.arm.validation import not_negative
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import ParameterGroup, stated
-from octo_arm_model.estimation.base_wrench import BaseWrench
-from octo_arm_model.estimation.model import ArmModel, Prediction
+from octo_arm_model.estimation.base_wrench import forces_at_stations
 from octo_arm_model.estimation.settings import MAX_MARKERS
-from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of
 
+_AXES: tuple[Vector, ...] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _RATE = 'how often it is measured [Hz], at most rate; 0 for never'
 
 
@@ -49,9 +49,8 @@ class Push(ParameterGroup):
     def __post_init__(self) -> None:
         """Validate what does not depend on the arm."""
         super().__post_init__()
-        if len(self.force) != 3 or not np.isfinite(self.force).all():
+        if len(self.force) != 3:
             raise ArmDefinitionError('push.force', list(self.force), '3 finite numbers [N]')
-        not_negative('push.s', self.s, 'arc coordinate', 'm')
 
     def at(self, time: float) -> FloatArray:
         """Force ``time`` [s] after the beginning, the second half of each period (3,) [N]."""
@@ -108,9 +107,25 @@ class Sensors(ParameterGroup):
 class SimulatedArm(ABC):
     """An arm under tensions and a push, and what sensors besides load cells read of it."""
 
-    def __init__(self, sensors: Sensors) -> None:
-        """Read it with ``sensors``, whose noise follows from their seed."""
+    def __init__(self, config: Config, push: Push, sensors: Sensors, is_pushed: bool) -> None:
+        """Of ``config``, read with ``sensors``, whose noise follows from their seed.
+
+        Where it ``is_pushed`` the force of ``push`` may come to act.
+        """
+        self._config = self._pushed = config
         self._sensors, self._random = sensors, np.random.default_rng(sensors.seed)
+        self._at_tip = push.is_at_tip(config.arm.length)
+        self._push: ScaledLoads | None = None
+        if is_pushed and not self._at_tip:
+            self._push = ScaledLoads([Loads(points=(PointLoad(push.s, one),)) for one in _AXES])
+            loads = dataclasses.replace(config.loads, scaled=self._push)
+            self._pushed = dataclasses.replace(config, loads=loads)
+
+    def _wrench(self, force: FloatArray) -> FloatArray:
+        """Push with a ``force`` (3,) [N]; returns the wrench that this makes on the tip (6,)."""
+        if self._push is not None:
+            self._push.magnitudes[:] = force
+        return np.append(force * self._at_tip, np.zeros(3))
 
     @abstractmethod
     def go_on_from(self, before: 'SimulatedArm') -> bool:
@@ -158,9 +173,6 @@ class SimulatedArm(ABC):
         return np.asarray(self.true_base_wrench + noise)
 
 
-_ANY = Walk(1.0)  # the state of a simulation is known; its prior is not used
-
-
 class PushedArm(SimulatedArm):
     """An arm at rest under any tensions and push, as soon as they act."""
 
@@ -170,63 +182,63 @@ class PushedArm(SimulatedArm):
         Raises:
             OctoArmError: if the model has no loads, or does not cover the arm.
         """
-        super().__init__(sensors)
-        at = push.s or config.arm.length
-        points = (PointForce(at, _ANY),) if any(push.force) else ()
-        self._model = ArmModel.of(
-            config,
-            Unknowns(_ANY, point_forces=points),
-            config.model,
-            has_history=True,
-            budget=Budget(config.solve_budget.iterations),
-        )
-        self._config = config
-        self._at: Prediction | None = None
+        super().__init__(config, push, sensors, any(push.force))
+        self._solver = self._pushed.solver()
+        self._solver.check_tip_wrench(self._wrench(np.array(push.force)))
+        self._shape: Backbone | None = None
+        self._force = np.zeros(3)
+        self._where = push.s or config.arm.length
 
     def go_on_from(self, before: SimulatedArm) -> bool:
         """As `SimulatedArm.go_on_from`, also where one is pushed elsewhere than at the tip."""
         if not isinstance(before, PushedArm):
             return False
         # A push at the tip, or none, leaves the points of the arm as they are.
-        mine, theirs = (one._model.solver.grid.s for one in (self, before))
+        mine, theirs = (one._solver.grid.s for one in (self, before))
         if np.array_equal(mine, theirs) and self._config.has_balance_of(before._config):
-            self._at = before._at
+            self._shape, self._force = before._shape, before._force
             return False
-        return before._at is not None and before.backbone.point_tensions is not None
+        return before._shape is not None and before._shape.point_tensions is not None
 
     def reset(self) -> None:
         """As `SimulatedArm.reset`."""
-        self._at = None
+        self._shape = None
 
     def advance(self, tensions: FloatArray, force: FloatArray) -> None:
         """Be in the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
 
         Raises:
-            SolveError: if there is no such shape; the last one stays.
+            OctoArmError: if there is no such shape; the last one stays.
         """
-        state = self._model.state
-        x = np.zeros(state.size)
-        x[state.tension] = tensions
-        if state.point_forces.stop > state.point_forces.start:
-            x[state.point_forces] = force
-        at = Prediction(self._model, x, None if self._at is None else self._at.shape)
-        at.solved  # noqa: B018 - solves it, or raises
-        self._at = at
-
-    @property
-    def _prediction(self) -> Prediction:
-        assert self._at is not None
-        return self._at
+        shape, wrench = self._config.arm.tension_shape, self._wrench(force)
+        pushed = wrench if wrench.any() else None  # there are models without loads
+        self._shape = self._solver.follow(tensions.reshape(shape), self._shape, pushed)
+        self._force = force
 
     @property
     def backbone(self) -> Backbone:
         """The shape now; there is one after `advance`."""
-        return self._prediction.solved
+        assert self._shape is not None
+        return self._shape
+
+    @functools.cached_property
+    def _forces(self) -> FloatArray:
+        return forces_at_stations(self._config.arm, self._solver.grid, self._config.loads)
 
     @property
     def true_base_wrench(self) -> FloatArray:
-        """Force and moment of all loads about the base, (6,) [N, N m]."""
-        return -BaseWrench(np.zeros(6), 1.0).innovation(self._prediction)
+        """Force and moment of all loads about the base, (6,) [N, N m].
+
+        Raises:
+            MeasurementError: if there are loads of other kinds, which are not covered.
+        """
+        shape, loads = self.backbone, self._config.loads
+        moments = [loads.tip_moment, *(point.moment for point in loads.points)]
+        away = CubicSpline(shape.s, shape.position - shape.position[0])
+        acting = [*self._forces, self._force]
+        lever = [*away(shape.s), away(self._where)]
+        moment = np.cross(lever, acting).sum(axis=0) + np.sum(moments, axis=0)
+        return np.concatenate([np.sum(acting, axis=0), moment])
 
 
 PERIOD = 6.0  # [s] of the push, which lasts half of it

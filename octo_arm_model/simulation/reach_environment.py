@@ -109,13 +109,10 @@ class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):
     def step(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Go on by a period."""
         state, target, steps = self.snapshot
-        before = state.tensions.reshape(self._highest.shape)
         now = 0.5 * (np.reshape(action, self._highest.shape) + 1.0) * self._highest
-        ended = ''
+        ended, longest = '', self._period / self._divisions
         try:
-            for part in np.arange(1, self._divisions + 1) / self._divisions:
-                inputs = Inputs(before + part * (now - before))
-                state = self.dynamics.step(state, inputs, self._period / self._divisions)
+            state = self.dynamics.go_on(state, Inputs(now), self._period, longest)
         except SolveError as error:
             ended = str(error)
         self.snapshot = Snapshot(state, target, steps + 1)

@@ -60,7 +60,7 @@ class Course(ParameterGroup):
     rate: float = stated(
         'how often tensions are measured and published [Hz]',
         100.0,
-        f'{MIN_RATE:g} to {HIGHEST_RATE:g}, from {_MOVING_RATE:g} on with dynamics',
+        f'in [{MIN_RATE:g}, {HIGHEST_RATE:g}], at least {_MOVING_RATE:g} with dynamics',
     )
     dynamics: bool = stated(
         'whether the arm moves with inertia and water, see motion.*, or follows its '

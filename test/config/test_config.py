@@ -174,11 +174,6 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
             'solve budget: iterations is 0, expected a number > 0',
         ),
         (
-            'stations: 101',
-            'solve_budget.seconds: .nan',
-            'solve_budget.seconds is nan, expected a finite number > 0',
-        ),
-        (
             'youngs_modulus:',
             'young_modulus:',
             'material.young_modulus is no parameter of the arm; did you mean '
@@ -198,8 +193,6 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
         ('length: 0.45', 'length:', 'body.length has no value'),
         ('length: 0.45', '', 'body.length is missing, expected double'),
         ('length: 0.45', 'length: {m: 1}', 'body.length.m is no parameter of the arm; did you me'),
-        ('length: 0.45', 'length: .nan', 'body.length is nan, expected a finite number > 0 [m]'),
-        ('length: 0.45', 'length: 0', 'body.length is 0.0, expected a finite number > 0 [m]'),
         (
             'anchorage: [0.45, 0.315, 0.135]',
             'anchorage: 0.45',
@@ -352,9 +345,7 @@ def test_a_text_that_no_message_can_carry_is_refused(name, text):
 @pytest.mark.parametrize(
     ('changes', 'message'),
     [
-        ({'stations': 10**12}, 'stations is 1000000000000, expected at most 10000'),
         ({'stations': 10_001}, 'stations is 10001, expected at most 10000'),
-        ({'body.radius_tip': 1e-12}, 'this arm takes more than 20000 intervals'),
         ({'body.length': 1e9}, 'this arm takes more than 20000 intervals'),
         ({'body.radius_tip': 1e-29}, 'this arm takes more than 20000 intervals'),
         ({'sections.tendons': [10**12]}, 'number of tendons is 1000000000000, expected at most'),
@@ -375,7 +366,6 @@ def test_a_text_that_no_message_can_carry_is_refused(name, text):
         ({'base.position': [0.0] * 999}, r'base.position is \(0.0, .*\.\.\., expected 3'),
         # Of what nothing is built from.
         ({'body.table_radius': [0.01] * 1001}, 'body.table_radius has 1001 values, expected at m'),
-        ({'body.table_radius': [0.01, -0.01]}, r'body.table_radius\[1\] is -0.01, expected a fin'),
         (
             {'material.table_youngs_modulus': [NAN]},
             r'table_youngs_modulus\[0\] is nan, expected a fi',

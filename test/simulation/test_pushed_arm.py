@@ -87,7 +87,6 @@ def test_a_push_lasts_the_second_half_of_each_period():
         ({'sensors.markers_rate': 1.0}, 'sensors.marker_s is'),
         ({'sensors.markers_rate': 1.0, 'sensors.marker_s': [0.3]}, 'sensors.marker_s is 0.3'),
         ({'sensors.marker_s': [0.1] * 2000, 'sensors.markers_rate': 1.0}, 'at most 300'),
-        ({'sensors.seed': -1}, 'sensors.seed is -1'),
     ],
 )
 def test_impossible_pushes_and_sensors_are_refused_by_name(values, complaint):

@@ -136,11 +136,10 @@ class SensorFrames:
 
     def _add(self, transform: Any, is_static: bool) -> None:
         translation, rotation = transform.transform.translation, transform.transform.rotation
-        pose = Pose.called(
-            'transform.translation',
-            'transform.rotation',
+        pose = Pose(
             (translation.x, translation.y, translation.z),
             (rotation.x, rotation.y, rotation.z, rotation.w),
+            ('transform.translation', 'transform.rotation'),
         )
         stamp = Stamp.of(transform.header.stamp).ns
         frames = self._tree.frames

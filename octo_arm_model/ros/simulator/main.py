@@ -63,6 +63,8 @@ class SimulatorNode(CheckedNode):
         self._configured: SimulatorConfig | None = None
         self._folder: Path | None = None  # of the files that states are saved to
         self._set_point: FloatArray = np.zeros(0)
+        # Since the beginning; of the profile a float, as its speed need not be 1.
+        self._time_ns, self._played_ns = 0, 0.0
         self._measured, self._effective = (
             topics.create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
@@ -121,7 +123,7 @@ class SimulatorNode(CheckedNode):
             self._command = np.minimum(self._command, config.limits)
             self.get_logger().warning('tendons go down to their new limits')
         if previous is None or 'profile.name' in names:
-            self._is_playing, self._played = config.profile is not None, 0.0
+            self._is_playing, self._played_ns = config.profile is not None, 0.0
             if self._is_playing and self._drive.held:
                 held = ' '.join(self._drive.held)
                 self.get_logger().warning(f'the profile leaves out, as driven by length: {held}')
@@ -196,9 +198,9 @@ class SimulatorNode(CheckedNode):
         self._drive, self._command = TendonDrive(config), np.zeros(len(config.model.arm.tendons))
         if config.pushed_arm is not None:
             config.pushed_arm.reset()
-        self._is_playing, self._played = config.profile is not None, 0.0
+        self._is_playing, self._played_ns = config.profile is not None, 0.0
+        self._time_ns = 0
         self._push.forget()
-        self._outputs.time = 0.0
 
     def _state_file(self) -> tuple[DynamicArm, Path]:
         arm, file = self._config.pushed_arm, self._config.course.state_file
@@ -215,8 +217,8 @@ class SimulatorNode(CheckedNode):
             'command': self._command,
             'lengths': np.array([held.get(name, 0.0) for name in names]),
             'driven': np.array([float(name in held) for name in names]),
-            'played': np.array(self._played),
-            'time': np.array(self._outputs.time),
+            'played': np.array(self._played_ns),
+            'time_ns': np.array(float(self._time_ns)),
             'playing': np.array(float(self._is_playing)),
             'surroundings': self._moving_arm().surroundings.values,
         }
@@ -238,19 +240,21 @@ class SimulatorNode(CheckedNode):
         held = {name: length for name, length, is_driven in lengths if is_driven}
         arm.check_lengths(held)
         self._drive.hardware.state, self._drive.held = values['hardware'], held
-        self._command, self._played = values['command'], float(values['played'])
+        self._command, self._played_ns = values['command'], values['played'].item()
         self._is_playing = bool(values['playing']) and config.profile is not None
-        self._outputs.time = float(values['time'])
+        self._time_ns = round(values['time_ns'].item())
         self._push.forget()
         self._outputs.forget()
         arm.restore(state, values['surroundings'])
 
-    def _step(self, elapsed: float, now: RosTime) -> None:
-        """Advance winches, load cells and arm by ``elapsed`` [s], up to the time ``now``."""
+    def _step(self, elapsed_ns: int, now: RosTime) -> None:
+        """Advance winches, load cells and arm by ``elapsed_ns``, up to the time ``now``."""
         config = self._config
         if self._is_playing and config.profile is not None:
-            self._command = config.profile.at(self._played, loop=config.playing.loop)
-            self._played += config.playing.speed * elapsed
+            self._command = config.profile.at(1e-9 * self._played_ns, loop=config.playing.loop)
+            self._played_ns += config.playing.speed * elapsed_ns
+        before_ns, self._time_ns = self._time_ns, self._time_ns + elapsed_ns
+        elapsed = 1e-9 * elapsed_ns
         model, course, stamp = config.model, config.course, now.to_msg()
         try:
             self._set_point = self._drive.set_points(self._command)
@@ -258,7 +262,7 @@ class SimulatorNode(CheckedNode):
             # The winches keep their last set point.
             self._diagnostics.log.warn(self._lengths.topic, error)
         effective = self._drive.advance(self._set_point, elapsed)
-        push_force = self._push.at(self._outputs.time + elapsed)
+        push_force = self._push.at(1e-9 * self._time_ns)
         has_moved = config.pushed_arm is not None
         # If a call is more than a period late, the arm falls behind a clock that is not its own.
         longest = 2.0 / course.rate if has_moved and not course.publish_clock else math.inf
@@ -269,7 +273,6 @@ class SimulatorNode(CheckedNode):
         except OctoArmError as error:
             self._fail(error)
             has_moved = False
-            self._outputs.time += elapsed
         self._effective.publish(
             topics.tensions_message(effective, model.arm, stamp, model.base_frame)
         )
@@ -282,7 +285,7 @@ class SimulatorNode(CheckedNode):
         if config.hardware.winches.encoders:
             self._publish_encoders(effective, stamp)
         if has_moved:
-            self._outputs.publish(config, push_force, elapsed, stamp)
+            self._outputs.publish(config, push_force, (before_ns, self._time_ns), stamp)
 
     def _fail(self, error: OctoArmError) -> None:
         self._diagnostics.fail(error)

@@ -40,9 +40,6 @@ class ArmPublishers:
     """Publishes the readings of sensors, each at its rate, and the motion of a dynamic arm.
 
     The motion has the true shape, and the tendons as joints with displacement, rate and tension.
-
-    Attributes:
-        time: simulated time, which sets the periods of sensors and push [s].
     """
 
     def __init__(self, node: Node) -> None:
@@ -58,7 +55,6 @@ class ArmPublishers:
                 *((message_class(k), f'ground_truth/{t}') for t, k in BACKBONE_TOPICS.items()),
             )
         )
-        self.time = 0.0
         self._last: tuple[float, FloatArray] | None = None
         self._described: tuple[Config, BackboneWriter] | None = None
 
@@ -67,18 +63,18 @@ class ArmPublishers:
         self._last = None
 
     def publish(
-        self, config: SimulatorConfig, pushed: FloatArray, elapsed: float, stamp: Time
+        self, config: SimulatorConfig, pushed: FloatArray, times_ns: tuple[int, int], stamp: Time
     ) -> None:
-        """Publish what is due after ``elapsed`` [s]; ``pushed`` (3,) is the push force [N]."""
+        """Publish what is due between two ``times_ns``; ``pushed`` (3,) is the push force [N]."""
         arm, sensors = config.pushed_arm, config.sensors
         assert arm is not None
-        before, self.time = self.time, self.time + elapsed
         header = Header(stamp=stamp, frame_id=config.model.base_frame)
         if config.push.is_at_tip(config.model.arm.length):
             # A node that computes the true shape needs this besides the true tensions.
             self._truth.publish(_wrench(header, np.append(pushed, np.zeros(3))))
         pose_due, markers_due, wrench_due = (
-            math.floor(rate * self.time) > math.floor(rate * before) for rate in sensors.rates
+            len({math.floor(rate * time_ns / 1e9) for time_ns in times_ns}) > 1
+            for rate in sensors.rates
         )
         if pose_due:
             pose = arm.tip_pose()

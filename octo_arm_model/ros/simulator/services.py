@@ -42,11 +42,11 @@ class SimulationClock:
         period: period of the steps [s].
     """
 
-    def __init__(self, node: Node, step: Callable[[float, Time], None]) -> None:
-        """Call ``step`` with the length of the step [s] and the time at its end."""
+    def __init__(self, node: Node, step: Callable[[int, Time], None]) -> None:
+        """Call ``step`` with the length of the step [ns] and the time at its end."""
         self._node, self._step = node, step
         self.is_paused = False
-        self.period, self._is_own, self._slice = 0.0, False, 0.0
+        self.period, self._period_ns, self._is_own, self._slice = 0.0, 0, False, 0.0
         self._timer: Timer | None = None
         self._pace: tuple[float, ...] = ()
         self._last, self._time_ns = 0, 0
@@ -59,6 +59,7 @@ class SimulationClock:
         if previous == self._pace:
             return
         self.period, self._is_own = 1.0 / course.rate, is_own
+        self._period_ns = round(1e9 * self.period)
         self._slice = 0.0 if factor else SLICE
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
@@ -77,7 +78,7 @@ class SimulationClock:
 
     def step(self) -> None:
         """Advance by one period, also while paused."""
-        self._advance(self.period, self._node.get_clock().now())
+        self._advance(self._period_ns, self._node.get_clock().now())
 
     def _follow_clock(self) -> None:
         clock_time = self._node.get_clock().now()
@@ -86,10 +87,10 @@ class SimulationClock:
             return  # rclpy calls the timer once for each of several waiting clock messages
         # A time of 0 is not set yet. If time jumps back, as when a bag is played again, the
         # winches do not move.
-        elapsed = 1e-9 * (now - self._last) if self._last else self.period
+        elapsed_ns = now - self._last if self._last else self._period_ns
         self._last = now
         if not self.is_paused:
-            self._advance(max(elapsed, 0.0), clock_time)
+            self._advance(max(elapsed_ns, 0), clock_time)
 
     def _run_freely(self) -> None:
         until = time.monotonic() + self._slice
@@ -98,14 +99,14 @@ class SimulationClock:
             if time.monotonic() >= until:
                 return
 
-    def _advance(self, elapsed: float, now: Time) -> None:
+    def _advance(self, elapsed_ns: int, now: Time) -> None:
         with until_shutdown(self._node.context):
             if self._is_own and self._publisher is not None:
-                self._time_ns += round(1e9 * elapsed)
+                self._time_ns += elapsed_ns
                 now = Time(nanoseconds=self._time_ns)
                 # The clock comes first, so that subscribers know the time of the messages to come.
                 self._publisher.publish(ClockMessage(clock=now.to_msg()))
-            self._step(elapsed, now)
+            self._step(elapsed_ns, now)
 
 
 MOST_STEPS, LONGEST = 1000, 10.0  # steps and seconds of one request, which all others wait for
