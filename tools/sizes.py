@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Lines of Python, docstrings and comments included.
 MOST = {
-    'octo_arm_model': 45_050,
+    'octo_arm_model': 45_040,
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 460,
     'octo_arm_model/arm': 2_480,
