@@ -1,1 +1,1 @@
-"""Recorded experiments: measured midlines compared with a model, and parameters fitted to them."""
+"""Recorded experiments: compare a model with measured midlines, and fit parameters to them."""

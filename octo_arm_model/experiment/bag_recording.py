@@ -1,4 +1,4 @@
-"""Readings of tendons and measured points out of a bag, and a CSV table as a bag."""
+"""Readers of tensions, encoder readings and measured points in a bag or a CSV table."""
 
 import contextlib
 import tempfile
@@ -37,14 +37,14 @@ from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS, field_of
 
 TF = 'tf2_msgs/msg/TFMessage'
-MOST_TRANSFORMS = 4_000_000  # kept at once, 64 bytes each
-_STATIC = 'tf_static'  # the name of topics whose transforms hold at all times
+MOST_TRANSFORMS = 4_000_000  # transforms kept at once, 64 bytes each
+_STATIC = 'tf_static'  # last name of topics whose transforms hold at all times
 
 T = TypeVar('T')
 
 
 class MeasuredTopics:
-    """Reads measured points off the topics of a bag."""
+    """Reads measured points from the topics of a bag."""
 
     def __init__(
         self,
@@ -54,17 +54,17 @@ class MeasuredTopics:
         base_frame: str,
         count: Count,
     ) -> None:
-        """Read from ``reader``, and check ``points``, of an arm in ``base_frame``.
+        """Choose the topics of ``reader`` with the points that ``measured`` describes.
 
-        Each message is counted.
+        ``points`` checks them, and ``count`` counts the messages.
 
         Raises:
-            BagError: if a topic is missing, or of a type without points.
+            BagError: if a topic is missing, or has a type without points.
         """
         self._reader, self._measured, self._points = reader, measured, points
         self._base_frame, self._count = base_frame, count
         self.topics: list[str] = []
-        self._fields: dict[str, str] = {}  # where points are, of topics of any type
+        self._fields: dict[str, str] = {}  # field with the points, by topic
         what = 'markers' if measured.marker_s else 'midlines or tips'
         if measured.marker_frames:
             names = (
@@ -86,7 +86,7 @@ class MeasuredTopics:
         count.expect(reader.count(list(dict.fromkeys(self.topics))))
 
     def read(self, refusals: Refusals) -> StampedRows:
-        """All frames; ``refusals`` count the messages left out.
+        """Return all frames; ``refusals`` count the messages that are left out.
 
         Markers of several topics, or of TF, with the same stamp are one frame.
 
@@ -96,60 +96,60 @@ class MeasuredTopics:
         source, frames = ', '.join(self.topics), dict[int, FloatArray]()
         is_tf = bool(self._measured.marker_frames)
         if not is_tf and len(self.topics) == 1:
-            found = list(self._messages(refusals, self._read))
-            return StampedRows(
-                source, [stamp for stamp, _ in found], [points for _, points in found]
-            )
-        read = self._of_tf if is_tf else partial(self._messages, read=self._read)
+            pairs = list(self._messages(refusals, self._read))
+            stamps = [stamp for stamp, _ in pairs]
+            return StampedRows(source, stamps, [points for _, points in pairs])
+        read = self._read_transforms if is_tf else partial(self._messages, read=self._read)
         for stamp, points in read(refusals):
-            seen = np.isfinite(points)
-            frames.setdefault(stamp, points)[seen] = points[seen]
+            visible = np.isfinite(points)
+            frames.setdefault(stamp, points)[visible] = points[visible]
         return StampedRows(source, sorted(frames), [frames[stamp] for stamp in sorted(frames)])
 
     def _messages(
         self, refusals: Refusals, read: Callable[[Record, Any], T]
     ) -> Iterator[tuple[int, T]]:
-        """Stamps [ns] of messages and what ``read`` makes of each, left out where nothing."""
+        """Yield the stamp [ns] of each message and the result of ``read``, unless that refuses."""
         for record in self._reader.messages(list(dict.fromkeys(self.topics))):
             self._count.add()
-            stamp, found, reason = self._reader.read(record, partial(read, record))
-            if found is None:
+            stamp, result, reason = self._reader.read(record, partial(read, record))
+            if result is None:
                 refusals.count(record.topic, reason)
             else:
-                yield stamp.ns, found
+                yield stamp.ns, result
 
     def _read(self, record: Record, message: Any) -> FloatArray:
-        """The points of a ``message``, checked."""
+        """Return the checked points of a ``message``."""
         field = self._fields.get(record.topic)
-        found = POSITIONS[record.type_name](message) if field is None else field_of(message, field)
-        points = points_of(found, self._measured.marker_names)
+        data = POSITIONS[record.type_name](message) if field is None else field_of(message, field)
+        points = points_of(data, self._measured.marker_names)
         self._points.check_frame(str(getattr(getattr(message, 'header', None), 'frame_id', '')))
         if len(self.topics) > 1:
             if len(points) != 1:
                 raise MeasurementError(f'it has {len(points)} points, expected one marker')
-            points = self._alone(self.topics.index(record.topic), points[0])
+            points = self._single_marker(self.topics.index(record.topic), points[0])
         is_midline = record.type_name in MIDLINES if field is None else len(points) > 1
         return self._points.check(points, is_midline)
 
-    def _of_tf(self, refusals: Refusals) -> Iterator[tuple[int, FloatArray]]:
-        """Stamps and points of each marker by chains of transforms.
+    def _read_transforms(self, refusals: Refusals) -> Iterator[tuple[int, FloatArray]]:
+        """Yield stamps and points of each marker, from chains of transforms.
 
-        In base_frame where transforms lead there, otherwise in their root.
+        Points are in base_frame if transforms lead there, otherwise in the root of the chain.
         """
         tree, number, topics = TransformTree(), 0, ' and '.join(self.topics)
-        found = self._messages(
-            refusals, lambda record, message: [(record, one) for one in message.transforms]
+        messages = self._messages(
+            refusals,
+            lambda record, message: [(record, transform) for transform in message.transforms],
         )
-        for _, transforms in found:
+        for _, transforms in messages:
             number += len(transforms)
             if number > MOST_TRANSFORMS:
                 raise MeasurementError(f'{topics}: more than {MOST_TRANSFORMS} transforms')
-            for record, one in transforms:
+            for record, transform in transforms:
                 is_static = record.topic.endswith(_STATIC)
-                stamp = stamp_of(one, record.received_ns).ns
-                at, turn = one.transform.translation, one.transform.rotation
-                parts = np.array([at.x, at.y, at.z]), np.array([turn.x, turn.y, turn.z, turn.w])
-                names = str(one.header.frame_id), str(one.child_frame_id)
+                stamp = stamp_of(transform, record.received_ns).ns
+                shift, q = transform.transform.translation, transform.transform.rotation
+                parts = np.array([shift.x, shift.y, shift.z]), np.array([q.x, q.y, q.z, q.w])
+                names = str(transform.header.frame_id), str(transform.child_frame_id)
                 try:
                     tree.add(*names, stamp, *parts, is_static)
                 except MeasurementError as error:
@@ -164,25 +164,25 @@ class MeasuredTopics:
 
             for stamp, point in zip(*tree.origins(name, target, leave_out)):
                 try:
-                    yield int(stamp), self._points.check(self._alone(number, point), False)
+                    yield int(stamp), self._points.check(self._single_marker(number, point), False)
                 except MeasurementError as error:
                     leave_out(error)
 
-    def _alone(self, number: int, point: FloatArray) -> FloatArray:
-        """Markers of which that with a ``number`` alone is seen, at ``point``."""
+    def _single_marker(self, number: int, point: FloatArray) -> FloatArray:
+        """Return a frame with only the marker of this ``number`` visible, at ``point``."""
         points = np.full((len(self._measured.marker_s), 3), np.nan)
         points[number] = point
         return points
 
 
 class BagRecording:
-    """The topics of a bag that tensions and encoder readings come from, where not from files.
+    """The topics of tensions and encoder readings in a bag, unless they come from files.
 
     Attributes:
         reader: the bag.
-        cells: where tensions are; None for nowhere.
-        encoders: where encoder readings are; None for nowhere.
-        count: of the messages that are read.
+        cells: topic of the tensions, or None.
+        encoders: topic of the encoder readings, or None.
+        count: counter of the messages that are read.
         notes: remarks on the bag.
     """
 
@@ -194,10 +194,10 @@ class BagRecording:
         files: CsvSources,
         count: Count,
     ) -> None:
-        """Choose the topics; ``tensions`` and ``displacements`` as in `read_recording`.
+        """Choose the topics; ``tensions`` and ``displacements`` are TOPIC, TOPIC:FIELD or None.
 
         Raises:
-            BagError: if there is neither, or a topic is missing.
+            BagError: if there are neither tensions nor displacements, or a topic is missing.
         """
         self.reader, self.count, self.notes = reader, count, notes_on(reader)
         self.cells: Source | None = None
@@ -213,42 +213,42 @@ class BagRecording:
                     raise
 
     def described(self) -> dict[str, Any]:
-        """Parameters of the arm; ConfigError if there is no description of it."""
+        """Return the parameters of the arm; ConfigError if the bag has no description of it."""
         topic, *_ = self.cells or self.encoders or ('/',)
         return describe(self.reader, namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)))
 
     def measured(
         self, measured: MarkerSources, points: MeasuredPoints, base_frame: str
     ) -> MeasuredTopics:
-        """The topics of what was ``measured``, see `MeasuredTopics`."""
+        """Return a reader of the measured points, whose sources ``measured`` describes."""
         return MeasuredTopics(self.reader, measured, points, base_frame, self.count)
 
     def readings(
         self, source: Source | None, config: Config, refusals: Refusals
     ) -> StampedRows | None:
-        """Tensions, or encoder readings, NaN of tendons without one; None of no ``source``."""
+        """Return tensions or encoder readings, NaN for tendons without one, or None."""
         if source is None:
             return None
-        stamped, names = StampedRows(source.topic, [], []), config.arm.tendon_names
+        rows, names = StampedRows(source.topic, [], []), config.arm.tendon_names
         self.count.expect(self.reader.count([source.topic]))
         for record in self.reader.messages([source.topic]):
             self.count.add()
-            one = source.read(self.reader, config, record)
-            if one.is_refused or one.displacements == {}:
-                refusals.count(source.topic, one.reason or NO_READING)
+            reading = source.read(self.reader, config, record)
+            if reading.is_refused or reading.displacements == {}:
+                refusals.count(source.topic, reading.reason or NO_READING)
                 continue
-            stamped.stamps.append(one.stamp_ns)
-            if one.tensions is not None:
-                row = one.tensions.ravel()
+            rows.stamps.append(reading.stamp_ns)
+            if reading.tensions is not None:
+                row = reading.tensions.ravel()
             else:
-                given = one.displacements or {}
-                row = np.array([given.get(name, np.nan) for name in names])
-            stamped.rows.append(row)
-        return stamped
+                lengths = reading.displacements or {}
+                row = np.array([lengths.get(name, np.nan) for name in names])
+            rows.rows.append(row)
+        return rows
 
 
 def notes_on(reader: BagReader) -> list[str]:
-    """Remarks on the state of a bag, and on what it says of itself."""
+    """Return remarks on the state of a bag and on its metadata."""
     synthetic = any('synthetic' in text for text in reader.metadata.values())
     return [*(['the bag says that it is synthetic'] if synthetic else []), *reader.notes]
 
@@ -261,18 +261,18 @@ def opened(
     columns: Mapping[str, str],
     marker_names: tuple[str, ...] = (),
 ) -> Iterator[BagReader]:
-    """The bag at ``path``, or one made of the table of that name that ends in .csv.
+    """Open the bag at ``path``, or a temporary bag made from the table there, which ends in .csv.
 
     Args:
-        path: of either. Rows of a table have tensions or encoder readings, and perhaps tips,
-            markers or midlines, at times or, without, a second apart.
-        parameters: of the arm, which a table needs, and of its estimator.
-        calibration: parameters of load cells and encoders in place of these.
-        columns: which column is what, of a table.
-        marker_names: of the markers at estimator.marker_s, in a table.
+        path: path of the bag or the table. Rows of a table have tensions or encoder readings, and
+            perhaps tips, markers or midlines, at their times or a second apart.
+        parameters: parameters of the arm, which a table needs, and of the estimator.
+        calibration: parameters of load cells and encoders that replace those.
+        columns: columns of a table by quantity.
+        marker_names: names of the markers at estimator.marker_s in a table.
 
     Raises:
-        BagError: if there is no such bag, or there are ``columns`` of one.
+        BagError: if there is no such bag, or ``columns`` are given for a bag.
         ConfigError: if there is no arm for a table.
         MeasurementError: if a table cannot be read, or has neither tensions nor encoder readings.
     """
@@ -293,7 +293,7 @@ def opened(
 
 
 def as_described(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """The ``parameters`` for the bag of a table: by names of tendons, lengths in metres."""
+    """Return the ``parameters`` without calibration, which readings in a table's bag have had."""
     calibrated = (
         'tension_names',
         'displacement_names',
@@ -310,9 +310,9 @@ def _write(
     columns: Mapping[str, str],
     marker_names: tuple[str, ...],
 ) -> list[str]:
-    """Write the bag of a table; returns remarks on rows that were left out."""
-    own = {name: value for name, value in parameters.items() if not name.startswith(PREFIX)}
-    config, refusals = Config.from_parameters(own), Refusals()
+    """Write the bag of a table; return remarks on rows that were left out."""
+    arm_values = {name: value for name, value in parameters.items() if not name.startswith(PREFIX)}
+    config, refusals = Config.from_parameters(arm_values), Refusals()
     table = read_csv(path, CsvSources(columns=columns).columns_of(''), has_time=False)
     marker_s = tuple(parameters.get(f'{PREFIX}marker_s', ()))
     measured = MarkerSources(marker_s=marker_s, marker_names=marker_names)
@@ -329,21 +329,21 @@ def _write(
     if (first := min(table.times())) < 0:
         raise MeasurementError(f'{path}: time is {1e-9 * first} s, expected none below 0')
     with BagWriter(written) as writer:
-        writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(as_described(own)), first)
+        writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(as_described(arm_values)), first)
         messages = SensorMessages(writer, config)
         if has_cells:
             messages.add_all(TENSIONS, *csv_recording.csv_readings(table, config))
         if has_encoders:
-            found = csv_recording.csv_displacements(table, config, refusals)
-            messages.add_all(DISPLACEMENTS, found.stamps, found.rows)
+            lengths = csv_recording.csv_displacements(table, config, refusals)
+            messages.add_all(DISPLACEMENTS, lengths.stamps, lengths.rows)
         if csv_recording.has_points(table, measured):
             points = MeasuredPoints(measured, config.arm.length)
             frames = csv_recording.csv_frames(table, measured, points, refusals)
-            for stamp, seen in zip(frames.stamps, frames.rows):
-                if marker_s or len(seen) > 1:
-                    messages.add(MARKERS if marker_s else MIDLINE, stamp, seen)
+            for stamp, row in zip(frames.stamps, frames.rows):
+                if marker_s or len(row) > 1:
+                    messages.add(MARKERS if marker_s else MIDLINE, stamp, row)
                 else:
-                    messages.add(TIP_POSE, stamp, seen, LEVEL, np.zeros((6, 6)))
+                    messages.add(TIP_POSE, stamp, row, LEVEL, np.zeros((6, 6)))
         check_columns(columns, {'': table})
         messages.write()
     return refusals.lines()

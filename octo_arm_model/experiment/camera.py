@@ -1,10 +1,10 @@
-"""The camera: where it is, how its clock is off, and estimates against what it saw.
+"""The camera: its pose, the offset of its clock, and its frames compared with estimates.
 
-Its pose is the rigid motion from its frame to base_frame. The offset of its clock follows from the
-motion of the tip and the tensions. Where tendons rub, the tip comes late as well: after each
-reversal of a tension it stays behind. But friction keeps it behind at rest too, where an offset of
-the clock does nothing. So the tip is compared with the model's under the tensions and under what
-friction would make of them, both at once: what friction explains no offset is needed for.
+The pose is the rigid motion from the frame of the camera to base_frame. The offset of the clock
+follows from the motion of the tip and the tensions. Friction of tendons also delays the tip, which
+stays behind after each reversal of a tension. But friction keeps it behind at rest too, where an
+offset of the clock has no effect. The tips are therefore fitted to the model's tips with and
+without friction at once, so that friction is not mistaken for an offset.
 """
 
 import dataclasses
@@ -26,26 +26,26 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.rod.stations import interpolated
 
-# Points within so many times their noise of a line or plane, or within this part of their extent,
-# lie in it.
+# Points lie on a line or plane if they are within this multiple of their noise, or within this
+# part of their extent.
 _TIMES_NOISE = 3.0
 _FLAT = 1e-4
-RANGE = 2.0  # [s] searched either way
-_STEP = 0.01  # [s]
+RANGE = 2.0  # [s] largest offset that is searched, either way
+_STEP = 0.01  # [s] between offsets
 _STATIONS = 31
-# Tensions solved, and frames used, at most.
+# Largest number of tensions that are solved, and of frames that are used.
 _SAMPLES = 5000
-# Residual of the best offset over the median of all: above this no offset is clear.
+# Largest residual of the best offset over the median of all; above it no offset is clear.
 _CLEAR = 0.5
-# Part of the tension that friction takes: well above the noise of load cells. What other friction
-# does differs from this mostly in size, which is fitted.
+# Part of the tension lost to friction, well above the noise of load cells. Other friction differs
+# from this mostly in size, which is fitted.
 _PLAY = 0.1
-_STIFFER = 0.7  # part of the tensions, under which the arm is as under all if it were stiffer
-_KEPT = 0.9  # fraction of the frames: the worst may be outliers
-_FRAMES = 30  # at least: three for each of the ten numbers that fit a coordinate of the tips
-LONGEST = 0.1  # [s] from a frame to the next estimate
-_OUTLYING = 3.0  # times the median distance: what is left out of a fitted alignment
-_FITS = 4  # of the alignment, each without the outliers of the one before
+_STIFFER = 0.7  # part of the tensions that bends the arm like all of them a stiffer arm
+_KEPT = 0.9  # fraction of the frames that count: the worst may be outliers
+_FRAMES = 30  # fewest frames: three for each of the ten coefficients of a coordinate of the tips
+LONGEST = 0.1  # [s] between a frame and the estimate that it is compared with
+_OUTLYING = 3.0  # outliers of a fitted alignment are this many median distances away
+_FITS = 4  # fits of the alignment, each without the outliers of the previous one
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Alignment:
 
     Attributes:
         turn: rotation vector of R [rad], (3,).
-        shift: where the camera's origin lies in base_frame [m], (3,).
+        shift: position of the camera's origin in base_frame [m], (3,).
     """
 
     turn: FloatArray
@@ -62,12 +62,12 @@ class Alignment:
 
     @classmethod
     def none(cls) -> 'Alignment':
-        """The identity, for a camera whose frame is base_frame."""
+        """Return the identity, for a camera whose frame is base_frame."""
         return cls(np.zeros(3), np.zeros(3))
 
     @classmethod
     def from_pose(cls, pose: Pose) -> 'Alignment':
-        """From the pose of the camera in base_frame."""
+        """Return the alignment of a camera with this ``pose`` in base_frame."""
         turn = Rotation.from_quat(np.array(pose.quaternion)).as_rotvec()
         return cls(turn, np.array(pose.position))
 
@@ -82,23 +82,23 @@ class Alignment:
         return Rotation.from_rotvec(self.turn).as_quat()
 
     def to_base(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) of the camera's frame in base_frame [m]."""
+        """Transform ``points`` (..., 3) [m] from the camera's frame to base_frame."""
         return points @ self.rotation.T + self.shift
 
     def to_camera(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) of base_frame in the camera's frame [m]."""
+        """Transform ``points`` (..., 3) [m] from base_frame to the camera's frame."""
         return (points - self.shift) @ self.rotation
 
     def as_dict(self) -> dict[str, list[float]]:
-        """Position [m] and quaternion x, y, z, w, ready for JSON."""
+        """Return position [m] and quaternion x, y, z, w as lists, for JSON."""
         return {'position': self.shift.tolist(), 'quaternion': self.quaternion.tolist()}
 
 
 def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alignment:
-    """The rigid motion that brings points ``camera`` (n, 3) nearest to ``base`` (n, 3).
+    """Return the rigid motion that brings points ``camera`` (n, 3) nearest to ``base`` (n, 3).
 
-    In the least squares sense, each with its ``weight``. For points on a line the rotation about
-    it is undetermined and arbitrary; see `undetermined`.
+    It minimises the sum of squared distances, each with its ``weight``. For points on a line the
+    rotation about the line is arbitrary, which `undetermined` reports.
     """
     weight = np.broadcast_to(np.asarray(weight, dtype=np.float64), (len(camera),))
     from_mean, to_mean = (np.average(points, 0, weight) for points in (camera, base))
@@ -109,15 +109,15 @@ def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alig
 
 
 def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
-    """Degrees of freedom of a fitted alignment that ``points`` (n, 3) leave open, in words.
+    """Describe the degrees of freedom of a fitted alignment that ``points`` (n, 3) leave open.
 
-    ``noise`` is the root mean square distance that the fit leaves [m]: what is within it of a line
-    or a plane cannot be distinguished from one.
+    ``noise`` is the root mean square distance of the fit [m]: points that close to a line or a
+    plane cannot be distinguished from points on it.
     """
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[0] == 0.0:
         return ('all measured points are one: the alignment has no rotation',)
-    # A coordinate has a third of the square of a distance.
+    # The square of a coordinate is on average a third of that of a distance.
     flat = max(_TIMES_NOISE * noise * np.sqrt(len(points) / 3.0), _FLAT * spread[0])
     within = f'within {_TIMES_NOISE:g} times their noise '
     if spread[1] <= flat:
@@ -137,81 +137,82 @@ def clock_offset(
     frame_time: FloatArray,
     tips: FloatArray,
 ) -> float | None:
-    """Seconds to add to ``frame_time`` (f,) so that ``tips`` (f, 3) agree with the tensions.
+    """Return the offset [s] of ``frame_time`` (f,) at which ``tips`` (f, 3) agree with tensions.
 
-    For each offset up to `RANGE` an affine function of the tips of the model closed_form, under
-    ``tensions`` (n, tendons) at ``tension_time`` (n,), under a part of these and under these
-    `_rubbed`, is fitted to the tips; the offset of least residual is taken, or the one nearest to
-    zero of those that do as well. The affine function absorbs the pose of the camera, a wrong
-    modulus, most of the model's error and the size of the friction. A lag of the arm in time
-    counts as an offset of the clock.
+    The model closed_form gives tips under ``tensions`` (n, tendons) [N] at ``tension_time`` (n,),
+    under a part of them, and under tensions with friction. For each offset up to `RANGE` an affine
+    function of these is fitted to the measured tips; the offset with the least residual is taken,
+    or of equally good ones that nearest to zero. The affine function absorbs the pose of the
+    camera, a wrong modulus, most of the model's error and the size of the friction. A delay of the
+    arm counts as an offset of the clock.
 
     Returns:
-        The offset; None where no minimum is clear, as for an arm at rest, or frames are so few
-        that the function passes near them at any offset.
+        The offset; None if no minimum is clear, as for an arm at rest, or if there are so few
+        frames that the function fits them at any offset.
     """
     if len(tips) < _FRAMES:
         return None
-    some = np.linspace(0, len(tensions) - 1, min(len(tensions), _SAMPLES)).astype(int)
+    rows = np.linspace(0, len(tensions) - 1, min(len(tensions), _SAMPLES)).astype(int)
     plain = dataclasses.replace(arm, friction=(), sheath_stiffness=())
     stations = max(_STATIONS, len(arm.sections) + 2)
     solver = Solver(plain, 'closed_form', stations, Pose(), compiled=None)
     try:
         tips_of = [
-            solver.solve(pulled[some].reshape(-1, *arm.tension_shape)).tip
-            for pulled in (tensions, _STIFFER * tensions, _rubbed(tensions))
+            solver.solve(scaled[rows].reshape(-1, *arm.tension_shape)).tip
+            for scaled in (tensions, _STIFFER * tensions, _with_friction(tensions))
         ]
     except SolveError:
         return None
     expected = np.concatenate(tips_of, axis=1)
-    seen = np.linspace(0, len(tips) - 1, min(len(tips), _SAMPLES)).astype(int)
-    times, tips = frame_time[seen], tips[seen]
+    frames = np.linspace(0, len(tips) - 1, min(len(tips), _SAMPLES)).astype(int)
+    times, tips = frame_time[frames], tips[frames]
     offsets = np.arange(-RANGE, RANGE + 0.5 * _STEP, _STEP)
-    shifted = (times + offset for offset in offsets)
-    left = np.array([_residual(one, tips, tension_time[some], expected) for one in shifted])
-    best = int(left.argmin())
-    if best in (0, len(left) - 1) or left[best] >= _CLEAR * np.median(left):
+    known = tips, tension_time[rows], expected
+    misfits = np.array([_residual(times + offset, *known) for offset in offsets])
+    best = int(misfits.argmin())
+    if best in (0, len(misfits) - 1) or misfits[best] >= _CLEAR * np.median(misfits):
         return None
-    # Where frames show the arm at rest alone a range of offsets does equally well: as far as noise
-    # tells, by which the mean square of n frames scatters by some 1/n.
-    equal = np.flatnonzero(left <= (1.0 + 1.0 / len(times)) * left[best] + 1e-12 * left.max())
+    # If frames show the arm only at rest, a range of offsets is equally good within noise, by
+    # which the mean square of n frames scatters by some 1/n.
+    bound = (1.0 + 1.0 / len(times)) * misfits[best] + 1e-12 * misfits.max()
+    equal = np.flatnonzero(misfits <= bound)
     return round(float(offsets[equal[np.abs(offsets[equal]).argmin()]]), 3)
 
 
-def _rubbed(tensions: FloatArray) -> FloatArray:
-    """The ``tensions`` (n, tendons) [N] left where friction takes the part `_PLAY` of them.
+def _with_friction(tensions: FloatArray) -> FloatArray:
+    """Return ``tensions`` (n, tendons) [N] behind friction that takes the part `_PLAY` of them.
 
-    The play operator: the tension that arrives stays while it is within this part of that given,
-    and is drawn along at its edge.
+    This is the play operator: the transmitted tension is constant while it differs from the given
+    one by less than this part, and otherwise follows it at that distance.
     """
-    arrives = np.empty_like(tensions)
+    transmitted = np.empty_like(tensions)
     last = np.zeros(tensions.shape[1])
     lows, highs = (1.0 - _PLAY) * tensions, (1.0 + _PLAY) * tensions
-    for row, low, high in zip(arrives, lows, highs):
+    for row, low, high in zip(transmitted, lows, highs):
         last = np.minimum(np.maximum(last, low), high)
         row[:] = last
-    return arrives
+    return transmitted
 
 
 def _residual(
     times: FloatArray, tips: FloatArray, tension_time: FloatArray, expected: FloatArray
 ) -> float:
-    """Mean squared residual of ``tips`` at ``times``, without the worst frames [m^2]."""
+    """Return the mean squared residual of ``tips`` at ``times``, without the worst [m^2]."""
     at = interpolated(times, tension_time, expected)
     regressors = np.column_stack([np.ones(len(times)), at])
-    found = np.linalg.lstsq(regressors, tips, rcond=1e-9)[0]
-    squares = np.sort(((tips - regressors @ found) ** 2).sum(axis=1))
+    coefficients = np.linalg.lstsq(regressors, tips, rcond=1e-9)[0]
+    squares = np.sort(((tips - regressors @ coefficients) ** 2).sum(axis=1))
     return float(squares[: max(1, int(_KEPT * len(squares)))].mean())
 
 
 @dataclass(frozen=True)
 class CameraErrors:
-    """Distances between midlines and shapes, each (compared frames,) [m].
+    """Distances between midlines and shapes with and without the estimator, each (frames,) [m].
 
     Attributes:
-        time: of the frames [s].
-        tip: of the tip; by the estimator, and without it.
-        mean: mean of the midline, likewise; NaN of tips.
+        time: times of the compared frames [s].
+        tip: distances of the tip, with the estimator and without it.
+        mean: mean distances of the midline, with the estimator and without it; NaN for tips.
     """
 
     time: FloatArray
@@ -220,7 +221,7 @@ class CameraErrors:
 
 
 class CameraCheck:
-    """Takes estimates as they come, and keeps those next to frames."""
+    """Compares the frames of a camera with the estimates nearest in time."""
 
     def __init__(
         self,
@@ -232,8 +233,8 @@ class CameraCheck:
     ) -> None:
         """Compare with the ``lines`` of a ``recording``, from the base on, in the camera's frame.
 
-        ``offset`` [s] is added to their stamps; None as ``alignment`` stands for one to be fitted.
-        Without the estimator the shape is that of ``solver`` under the tensions measured.
+        ``offset`` [s] is added to their stamps; an ``alignment`` of None is fitted. The shape
+        without the estimator is that of ``solver`` under the measured tensions.
 
         Raises:
             MeasurementError: if an alignment is to be fitted to tips.
@@ -249,7 +250,7 @@ class CameraCheck:
         self._pairs: list[tuple[int, FloatArray]] = []
 
     def add(self, time: float, shape: Backbone) -> None:
-        """Take the ``shape`` estimated at a ``time`` [s], later than the one before."""
+        """Compare the ``shape`` estimated at ``time`` [s]; times must ascend."""
         new = time, shape.position
         last = self._last or new
         while self._next < len(self._time) and self._time[self._next] <= time:
@@ -261,14 +262,14 @@ class CameraCheck:
         self._last = new
 
     def errors(self) -> CameraErrors | None:
-        """Errors of all frames with an estimate; None if there are none."""
+        """Return the errors of all frames with an estimate; None if there are none."""
         numbers, estimated, plain = [], [], []
         last: Backbone | None = None
         measured = self._recording.tension_time, np.maximum(self._recording.tensions, 0.0)
         for number, position in self._pairs:
-            pulled = interpolated(self._time[number], *measured)
+            tensions = interpolated(self._time[number], *measured)
             try:
-                last = self._solver.follow(pulled.reshape(self._solver.arm.tension_shape), last)
+                last = self._solver.follow(tensions.reshape(self._solver.arm.tension_shape), last)
             except SolveError:
                 continue
             numbers.append(number)
@@ -277,32 +278,32 @@ class CameraCheck:
         if not numbers:
             return None
         lines = [self._lines[number] for number in numbers]
-        found = (_distances(lines, shapes, self._alignment) for shapes in (estimated, plain))
-        tips, means = zip(*found)
+        pairs = (_distances(lines, shapes, self._alignment) for shapes in (estimated, plain))
+        tips, means = zip(*pairs)
         return CameraErrors(self._time[numbers], tips, means)
 
 
 def _distances(
     lines: Sequence[FloatArray], shapes: Sequence[FloatArray], alignment: Alignment | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Distances of the tip and of midlines on average, (frames,) [m]."""
-    alignment = alignment or _fitted(lines, shapes)
+    """Return the distances of the tip and the mean ones of midlines, each (frames,) [m]."""
+    alignment = alignment or _fitted_alignment(lines, shapes)
     pairs = zip(lines, shapes, strict=True)
     errors = [midline_errors(alignment.to_base(line), Curve(shape)) for line, shape in pairs]
-    return np.array([one.tip for one in errors]), np.array([one.mean for one in errors])
+    return np.array([error.tip for error in errors]), np.array([error.mean for error in errors])
 
 
-def _fitted(lines: Sequence[FloatArray], shapes: Sequence[FloatArray]) -> Alignment:
-    """The rigid motion that brings midlines nearest to shapes, outliers apart."""
-    seen, curves = np.concatenate(lines), list(map(Curve, shapes))
+def _fitted_alignment(lines: Sequence[FloatArray], shapes: Sequence[FloatArray]) -> Alignment:
+    """Return the rigid motion that brings midlines nearest to shapes, without outliers."""
+    points, curves = np.concatenate(lines), list(map(Curve, shapes))
     fractions = [np.linspace(0.0, 1.0, len(line)) for line in lines]
-    kept = np.ones(len(seen), dtype=bool)
+    kept = np.ones(len(points), dtype=bool)
     for _ in range(_FITS):
-        there = np.concatenate(list(map(Curve.along, curves, fractions)))
-        alignment = align(seen[kept], there[kept])
-        away = np.linalg.norm(alignment.to_base(seen) - there, axis=1)
-        kept = away <= _OUTLYING * np.median(away)
-        # From the second fit on each point belongs to the nearest one, and the tip to the tip.
+        targets = np.concatenate(list(map(Curve.along, curves, fractions)))
+        alignment = align(points[kept], targets[kept])
+        distances = np.linalg.norm(alignment.to_base(points) - targets, axis=1)
+        kept = distances <= _OUTLYING * np.median(distances)
+        # From the second fit on, each point is paired with the nearest one, and tip with tip.
         fractions = [
             np.append(curve.nearest(alignment.to_base(line[:-1]))[1], 1.0)
             for line, curve in zip(lines, curves, strict=True)

@@ -24,7 +24,7 @@ from octo_arm_model.experiment.unknowns import FINE_STATIONS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 
-_TIP = 1e-3  # of the length: a marker so near to the tip is there
+_TIP = 1e-3  # distance over the length within which a marker counts as at the tip
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,15 @@ class StepComparison:
     """One step: the measurement, the solution and their distance.
 
     Attributes:
-        number: of the step, from 1.
+        number: number of the step, from 1.
         shape: the measurement.
-        measured: its midline in base_frame (m, 3) [m].
+        measured: measured midline in base_frame (m, 3) [m].
         backbone: the solution of the model.
         errors: distances between the two.
-        direction: from which side its tensions were reached, of `steady_windows.directions`.
-        bend: signed error of the tip, along the way it moves as tensions rise: > 0 where the arm
-            bends farther than the model [m]; NaN where no tendon is pulled, the tip was not
-            measured, friction leaves the way open, or the arm moves.
+        direction: side from which its tensions were reached, of `steady_windows.directions`.
+        bend: signed error of the tip along its path as tensions rise, > 0 if the arm bends farther
+            than the model [m]; NaN if no tendon is pulled, the tip was not measured, friction
+            leaves the direction open, or the arm moves.
     """
 
     number: int
@@ -53,7 +53,7 @@ class StepComparison:
 
     @property
     def s(self) -> FloatArray:
-        """Arc coordinates of the points of the model that those measured are paired with [m]."""
+        """Arc coordinates of the model's points that the measured ones are paired with [m]."""
         if self.shape.s is not None:
             return self.shape.s
         model = Curve(self.backbone.position)
@@ -66,11 +66,11 @@ class ModelComparison:
     """All steps of one model.
 
     Attributes:
-        model: its name.
-        length: of the arm [m].
+        model: name of the model.
+        length: length of the arm [m].
         alignment: transform camera to base.
-        steps: those with a solution.
-        refused: errors of the others.
+        steps: the steps with a solution.
+        refused: errors of the steps without one.
         notes: remarks on a fitted alignment, and on loading and unloading.
         moves: whether steps are moments of a motion.
     """
@@ -84,13 +84,13 @@ class ModelComparison:
     moves: bool = False
 
     def percent(self, name: str) -> FloatArray:
-        """Errors ``name`` of all steps in per cent of the length, NaN where not measured."""
+        """Return the errors ``name`` of all steps in per cent of the length; NaN if unknown."""
         values = (getattr(step.errors, name) for step in self.steps)
         return np.array([100.0 * value / self.length for value in values])
 
     @property
     def bend_percent(self) -> FloatArray:
-        """Signed errors `StepComparison.bend` in per cent of the length."""
+        """The signed errors `StepComparison.bend` in per cent of the length."""
         return np.array([100.0 * step.bend / self.length for step in self.steps])
 
 
@@ -104,12 +104,12 @@ def compare(
 ) -> ModelComparison:
     """Compare ``model`` of the arm of ``parameters`` with measured ``shapes``.
 
-    Without ``alignment`` one is fitted, the same for all steps: it removes the part of the model's
-    error that a rigid motion of the camera explains. With a ``trajectory`` the arm moves along it,
-    and steps are moments.
+    Without ``alignment`` one is fitted for all steps together: it removes the part of the model's
+    error that a rigid motion of the camera explains. With a ``trajectory`` of tensions the arm
+    moves, and steps are moments of the motion.
 
     Raises:
-        SolveError: if the model has no answer for any step.
+        SolveError: if the model has no solution for any step.
         MeasurementError: if an alignment cannot be fitted, or midlines do not begin near the
             base.
     """
@@ -119,9 +119,9 @@ def compare(
         answered, refused = _equilibria(solver, shapes, progress)
     else:
         dynamics = config.dynamics(max(config.stations, FINE_STATIONS))
-        found, reason = moving_shapes(dynamics, trajectory, shapes, progress)
-        answered = list(zip(itertools.count(1), shapes, found))
-        refused = [f'step {len(found) + 1} and later: {reason}'] if reason else []
+        moving_backbones, reason = moving_shapes(dynamics, trajectory, shapes, progress)
+        answered = list(zip(itertools.count(1), shapes, moving_backbones))
+        refused = [f'step {len(answered) + 1} and later: {reason}'] if reason else []
     if not answered:
         raise SolveError(f'{model} has no answer for any step; {refused[0]}')
     notes: list[str] = []
@@ -130,14 +130,14 @@ def compare(
         notes.append(
             'the alignment is fitted: it removes the error that a motion of the camera explains'
         )
-        left = misfit_of(
+        rms = misfit_of(
             [
                 shape_residuals(shape, alignment.to_base(shape.points), backbone)
                 for _, shape, backbone in answered
             ],
             solver.arm.length,
         ).rms
-        notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]), left)
+        notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]), rms)
     steps = []
     branches = directions(np.array([shape.window.tensions for shape in shapes]))
     for number, shape, backbone in answered:
@@ -179,10 +179,10 @@ def compare(
 def _equilibria(
     solver: Solver, shapes: Sequence[MeasuredShape], progress: Callable[[int, int], None]
 ) -> tuple[list[tuple[int, MeasuredShape, Backbone]], list[str]]:
-    """Numbers, measurements and shapes of the steps, and why others have none."""
+    """Solve all steps; return number, measurement and shape of each, and errors of the others."""
     answered: list[tuple[int, MeasuredShape, Backbone]] = []
     refused: list[str] = []
-    last: Backbone | None = None  # that tendons with friction slide on from
+    last: Backbone | None = None  # where tendons with friction continue to slide from
     for number, shape in enumerate(shapes, start=1):
         progress(number - 1, len(shapes))
         tensions = shape.window.tensions.reshape(solver.arm.tension_shape)
@@ -195,12 +195,12 @@ def _equilibria(
 
 
 def _bend(solver: Solver, backbone: Backbone, tip: FloatArray) -> float:
-    """`StepComparison.bend` of a ``tip`` measured in base_frame (3,) [m]."""
+    """Return `StepComparison.bend` for a measured ``tip`` in base_frame (3,) [m]."""
     try:
-        # With friction the way a softer arm goes is that of a pull from slack.
+        # With friction, the direction that a softer arm moves in is that of a pull from slack.
         pulled = solver.solve(backbone.tensions) if solver.arm.friction else backbone
         softer = -solver.sensitivity(pulled).by_youngs_modulus.tip[:3, 0]
-    except SolveError:  # between sticking and sliding there is no derivative
+    except SolveError:  # there is no derivative between sticking and sliding
         return math.nan
     return part_along(tip - backbone.position[-1], softer, STILL * solver.arm.length)
 
@@ -217,20 +217,20 @@ STATIONS = ('model', 'step', *STATION_COLUMNS)
 def write_tables(
     folder: Path, comparisons: Sequence[ModelComparison], tendons: Sequence[str]
 ) -> list[str]:
-    """Write midlines.csv, stations.csv and tensions.csv into ``folder``; returns their names.
+    """Write midlines.csv, stations.csv and tensions.csv into ``folder``; return their names.
 
-    midlines.csv has a row for each measured point of each step: where it was, where the model has
-    it, and the difference, in base_frame. stations.csv has the model's shape and strains.
-    tensions.csv has the start and the end of each step, as `octo-arm play` reads it.
+    midlines.csv has a row for each measured point of each step: its position, that in the model,
+    and the difference, in base_frame. stations.csv has the model's shape and strains.
+    tensions.csv has the start and the end of each step, in the format of `octo-arm play`.
 
     Raises:
         OSError: if a file cannot be written.
     """
 
-    def of_all(rows_of: Callable[[StepComparison], list[list[float]]]) -> Iterator[list[Any]]:
-        for one in comparisons:
-            for step in one.steps:
-                yield from ([one.model, step.number, *row] for row in rows_of(step))
+    def all_rows(rows_of: Callable[[StepComparison], list[list[float]]]) -> Iterator[list[Any]]:
+        for comparison in comparisons:
+            for step in comparison.steps:
+                yield from ([comparison.model, step.number, *row] for row in rows_of(step))
 
     windows = [step.shape.window for step in comparisons[0].steps]
     tensions = (
@@ -239,8 +239,8 @@ def write_tables(
         for time in dict.fromkeys((window.start, window.stop))
     )
     tables: dict[str, tuple[Sequence[str], Iterator[list[Any]]]] = {
-        'midlines.csv': (MIDLINES, of_all(_midline_rows)),
-        'stations.csv': (STATIONS, of_all(lambda step: station_rows(step.backbone))),
+        'midlines.csv': (MIDLINES, all_rows(_midline_rows)),
+        'stations.csv': (STATIONS, all_rows(lambda step: station_rows(step.backbone))),
         'tensions.csv': (tension_columns(tendons), tensions),
     }
     with CsvFiles() as files:

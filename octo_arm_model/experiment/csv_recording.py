@@ -1,4 +1,4 @@
-"""Tensions, encoder readings and measured points out of CSV files."""
+"""Readers of tensions, encoder readings and measured points in CSV files."""
 
 import re
 from collections.abc import Mapping
@@ -20,22 +20,22 @@ from octo_arm_model.experiment.recording import (
 from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import NONE
 
-DISPLACEMENT = 'displacement_'  # and the name of a tendon: what its encoder reads
+DISPLACEMENT = 'displacement_'  # prefix of a tendon's name in the column of its encoder
 NO_READING = 'no encoder reading'
 _POINT = re.compile(r'^x_?[0-9]{1,6}$')
 
 
 @dataclass(frozen=True)
 class CsvSources:
-    """CSV files in place of topics.
+    """CSV files that replace topics of a bag.
 
     Attributes:
-        tensions: of the tensions; None for those in the bag.
-        midlines: of what was measured; None for that in the bag.
-        displacements: of encoder readings; None for those in the bag, if it has any.
-        columns: which column is what, see `read_csv`; one of one file alone is named with its
-            kind before it, of `KINDS`, such as midline:time.
-        is_poses: whether one file has both tensions, or else encoder readings, and midlines: each
+        tensions: file of the tensions; None for those in the bag.
+        midlines: file of the measured points; None for those in the bag.
+        displacements: file of encoder readings; None for those in the bag, if it has any.
+        columns: column of each quantity, as for `read_csv`; a prefix of `KINDS`, as in
+            midline:time, restricts an entry to one file.
+        is_poses: whether one file has tensions or encoder readings together with midlines: each
             row is a static pose, with or without a time.
     """
 
@@ -46,16 +46,16 @@ class CsvSources:
     is_poses: bool = False
 
     def columns_of(self, kind: str) -> dict[str, str]:
-        """The columns of a file of one of `KINDS`."""
-        own = [(key.partition(':'), column) for key, column in self.columns.items()]
+        """Return the columns of the file of this ``kind``, one of `KINDS`."""
+        split = [(key.partition(':'), column) for key, column in self.columns.items()]
         shared = {k: v for k, v in self.columns.items() if k.partition(':')[0] not in KINDS}
-        return shared | {name: v for (prefix, _, name), v in own if prefix == kind and name}
+        return shared | {name: v for (prefix, _, name), v in split if prefix == kind and name}
 
     def read(self, kind: str, path: Path | None, tables: dict[str, CsvTable]) -> CsvTable:
-        """The file of a ``kind`` at ``path``, which is added to the ``tables`` by kind.
+        """Read the file of this ``kind`` at ``path``, and add it to the ``tables`` by kind.
 
         Raises:
-            MeasurementError: see `read_csv`.
+            MeasurementError: if it cannot be read, is too large, or a row is too short or long.
         """
         assert path is not None
         tables[kind] = read_csv(path, self.columns_of(kind), has_time=not self.is_poses)
@@ -63,10 +63,10 @@ class CsvSources:
 
 
 def csv_readings(table: CsvTable, config: Config) -> tuple[list[int], FloatArray]:
-    """Stamps [ns] of the rows of a table, and what load cells read (n, tendons).
+    """Return the stamps [ns] of the rows of a table, and readings of load cells (n, tendons).
 
     Raises:
-        MeasurementError: if a column is missing or a cell holds no number.
+        MeasurementError: if a column is missing or a cell does not hold a number.
     """
     cells, stamps = config.load_cells, table.times()
     is_scaled = bool(cells.scale)
@@ -78,45 +78,45 @@ def csv_readings(table: CsvTable, config: Config) -> tuple[list[int], FloatArray
 
 
 def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> StampedRows:
-    """Tensions of the rows of a table; ``refusals`` count those left out.
+    """Return the tensions in the rows of a table; ``refusals`` count the rows left out.
 
     Raises:
-        MeasurementError: if a column is missing or a cell holds no number.
+        MeasurementError: if a column is missing or a cell does not hold a number.
     """
-    arm, found = config.arm, StampedRows(str(table.path), [], [])
+    arm, stamped = config.arm, StampedRows(str(table.path), [], [])
     for stamp, row in zip(*csv_readings(table, config), strict=True):
         try:
             tensions = config.load_cells.tensions(arm, row.reshape(arm.tension_shape))
-            found.rows.append(tensions.ravel())
-            found.stamps.append(stamp)
+            stamped.rows.append(tensions.ravel())
+            stamped.stamps.append(stamp)
         except TensionError as error:
-            refusals.count(found.source, str(error))
-    return found
+            refusals.count(stamped.source, str(error))
+    return stamped
 
 
 def has_tensions(table: CsvTable, config: Config) -> bool:
-    """Whether a table has a column of the tension of any tendon."""
+    """Whether a table has a column with the tension of a tendon."""
     names = config.load_cells.names or config.arm.tendon_names
     return any(name != NONE and table.has(name) for name in names)
 
 
 def has_displacements(table: CsvTable, config: Config) -> bool:
-    """Whether a table has a column of the encoder of any tendon."""
+    """Whether a table has a column with the encoder reading of a tendon."""
     return any(name != NONE and table.has(name) for name in _encoder_names(config))
 
 
 def _encoder_names(config: Config) -> tuple[str, ...]:
-    own = tuple(f'{DISPLACEMENT}{tendon}' for tendon in config.arm.tendon_names)
-    return tuple(config.encoders.names) or own
+    default_names = tuple(f'{DISPLACEMENT}{tendon}' for tendon in config.arm.tendon_names)
+    return tuple(config.encoders.names) or default_names
 
 
 def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> StampedRows:
-    """Encoder readings of the rows of a table, NaN of tendons without an encoder.
+    """Return the encoder readings in the rows of a table, NaN for tendons without an encoder.
 
-    ``refusals`` count the rows that have none.
+    ``refusals`` count the rows without a reading.
 
     Raises:
-        MeasurementError: if there is no column of a tendon, or a cell holds no number.
+        MeasurementError: if no tendon has a column, or a cell does not hold a number.
     """
     encoders, names = config.encoders, _encoder_names(config)
     if not has_displacements(table, config):
@@ -139,41 +139,40 @@ def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> St
 def csv_frames(
     table: CsvTable, measured: MarkerSources, points: MeasuredPoints, refusals: Refusals
 ) -> StampedRows:
-    """Frames of a table: a row for each, or one for each point, those of one time together.
+    """Return the frames of a table: a row is a frame, or a point, with those of its time.
 
     A row for each frame has columns x1, y1, z1, x2 ... or x_1 ...; a row for each point x, y, z.
 
     Raises:
-        MeasurementError: if a column is missing or a cell holds no number.
+        MeasurementError: if a column is missing or a cell does not hold a number.
     """
     stamps = table.times()
-    # Columns that are named are meant, whatever else the file has: x_1, though there is an x1.
-    there = dict.fromkeys((*(column.name for column in table.columns), *table.given))
-    wide = {name: int(name.strip('x_')) for name in there if _POINT.match(name)}
+    # A column that --columns names is used even if the file has another: x_1 instead of x1.
+    present = dict.fromkeys((*(column.name for column in table.columns), *table.given))
+    wide = {name: int(name.strip('x_')) for name in present if _POINT.match(name)}
     given = {wide[name] for name in table.given if name in wide}
-    meant = [name for name in wide if name in table.given or wide[name] not in given]
-    meant.sort(key=wide.__getitem__)
+    used = [name for name in wide if name in table.given or wide[name] not in given]
+    used.sort(key=wide.__getitem__)
     if not given and table.has('x'):
-        meant = []
-    elif not meant and measured.marker_s:  # what is then missing
-        meant = [f'x{number + 1}' for number in range(len(measured.marker_s))]
-    names = [[f'{axis}{name[1:]}' for axis in 'xyz'] for name in meant or ['x']]
+        used = []
+    elif not used and measured.marker_s:  # the error below then names these columns
+        used = [f'x{number + 1}' for number in range(len(measured.marker_s))]
+    names = [[f'{axis}{name[1:]}' for axis in 'xyz'] for name in used or ['x']]
     if measured.marker_names:
-        meant = list(measured.marker_names)
-        names = [[f'{name}_{axis}' for axis in 'xyz'] for name in meant]
+        used = list(measured.marker_names)
+        names = [[f'{name}_{axis}' for axis in 'xyz'] for name in used]
     columns = [table.find(name) for point in names for name in point]
-    own = [table.columns[number].unit for number in columns if isinstance(number, int)]
-    if measured.unit != MarkerSources.unit and own and all(own):
-        raise MeasurementError(
-            f'--length-unit has no effect on {table.path}: its header says {" and ".join({*own})}'
-        )
+    units = [table.columns[number].unit for number in columns if isinstance(number, int)]
+    if measured.unit != MarkerSources.unit and units and all(units):
+        said = ' and '.join({*units})
+        raise MeasurementError(f'--length-unit has no effect on {table.path}: it has {said}')
     places = np.stack([_point(table, name, measured.unit) for name in names], axis=1)
     grouped = list(zip(stamps, places))
-    if not meant:
+    if not used:
         order = np.argsort(stamps, kind='stable')
         parts = np.split(order, np.flatnonzero(np.diff(np.take(stamps, order))) + 1)
         grouped = [(stamps[part[0]], places[part, 0]) for part in parts]
-    is_midline = max(len(one) for _, one in grouped) > 1
+    is_midline = max(len(frame) for _, frame in grouped) > 1
     frames = StampedRows(str(table.path), [], [])
     for stamp, place in grouped:
         try:
@@ -185,14 +184,14 @@ def csv_frames(
 
 
 def has_points(table: CsvTable, measured: MarkerSources) -> bool:
-    """Whether a table has columns of what was measured, see `csv_frames`."""
+    """Whether a table has columns with measured points."""
     names = [column.name for column in table.columns]
     wide = any(map(_POINT.match, (*names, *table.given)))
     return bool(measured.marker_names) or wide or table.has('x')
 
 
 def _point(table: CsvTable, names: list[str], unit: str) -> FloatArray:
-    """Points (rows, 3) in the ``unit`` of what was measured, which the header may override."""
+    """Return a point of each row (rows, 3) in ``unit``, which the header may override."""
     columns = []
     for name in names:
         if 'z' in (name[0], name[-1]) and not table.has(name):

@@ -17,7 +17,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_CSV_BYTES, MAX_CSV_COLUMNS, MAX_CSV_ROWS
 from octo_arm_model.config.files import NUMBER, read_text, reading
 
-KINDS = ('tension', 'midline', 'displacement')  # of tables
+KINDS = ('tension', 'midline', 'displacement')  # kinds of tables
 TIME = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 FORCE = {
     'N': 1.0,
@@ -30,19 +30,19 @@ FORCE = {
     'lbf': 4.4482216152605,
     'lb': 4.4482216152605,
 }
-# 'time [ms]' or 'time (ms)'.
+# A header with a unit, such as 'time [ms]' or 'time (ms)'.
 _HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
-_FIRST = re.compile(r'^.*[^\s,;].*$', re.MULTILINE)  # line with more than separators
+_FIRST = re.compile(r'^.*[^\s,;].*$', re.MULTILINE)  # a line with more than separators
 _MISSING = ('', 'nan', 'NaN', 'NAN')
 _EXPECTED = (
-    'expected lines of headers, or none, and only rows of as many numbers below them: leave out '
-    'lines of other things'
+    'expected lines of headers, or none, and below them only rows of as many numbers: remove all '
+    'other lines'
 )
 _ISO = re.compile(
     r'^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?$'
 )
 _UNITS = frozenset({*TIME, *FORCE, 'm', 'cm', 'mm', 'rad', 'deg', 'counts', 'ticks', '-'})
-# Units in words, as Motive has them.
+# Units in words, as in exports of Motive.
 _IN_WORDS = {
     'Seconds': 's',
     'seconds': 's',
@@ -57,7 +57,7 @@ _MOST_HEADERS = 20  # lines
 class _Column(NamedTuple):
     name: str
     unit: str
-    text: str  # of the header, name and unit
+    text: str  # the header with name and unit
 
 
 @dataclass(frozen=True)
@@ -65,15 +65,15 @@ class CsvTable:
     """The columns of a CSV file, as texts.
 
     Attributes:
-        path: where it is.
-        columns: name and unit of each, '' where the header has none.
+        path: path of the file.
+        columns: name and unit of each column, '' if the header has none.
         rows: texts of each row.
-        lines: line of each row.
-        given: name of the column of each quantity where it has another, or #N for the N-th
-            column, or a number instead.
-        has_time: whether rows have a time; without, they are poses a second apart.
-        wanted: names of all quantities that were looked for.
-        taken: those of them that were found as ``given``.
+        lines: line number of each row.
+        given: for quantities in a column of another name: that name, #N for the N-th column, or a
+            constant.
+        has_time: whether rows have a time; otherwise they are poses a second apart.
+        wanted: names of all quantities that were looked up.
+        taken: the quantities among them that were found as ``given``.
     """
 
     path: Path
@@ -86,123 +86,123 @@ class CsvTable:
     taken: set[str] = field(default_factory=set)
 
     def find(self, name: str) -> int | float | None:
-        """Number of the column for ``name``, or the value in place of one; None if neither.
+        """Return the index of the column for ``name``, or the constant for it, or None.
 
-        A column that was given for it may be that of another file, see `check_columns`.
+        The column given for ``name`` may be in another file, which `check_columns` finds out.
 
         Raises:
             MeasurementError: if a column was given for it, and there is none of either name.
         """
         self.wanted.add(name)
         if name not in self.given:
-            return self._number(name)
-        wanted = self.given[name].strip()
-        number = self._number(wanted)
-        if number is not None or NUMBER.match(wanted):
+            return self._index(name)
+        header = self.given[name].strip()
+        index = self._index(header)
+        if index is not None or NUMBER.match(header):
             self.taken.add(name)
-            return float(wanted) if number is None else number
-        own = self._number(name)
-        if own is None:
+            return float(header) if index is None else index
+        index = self._index(name)
+        if index is None:
             raise self.lacking(name)
-        return own
+        return index
 
     def has(self, name: str) -> bool:
-        """Whether there is a column for ``name``, or a value in place of one, see `find`."""
+        """Whether there is a column or a constant for ``name``."""
         return self.find(name) is not None
 
     def lacking(self, name: str) -> MeasurementError:
-        """The error that the column that was given for ``name`` is not here."""
-        wanted = shown(self.given[name].strip())
-        return MeasurementError(f'{self.path}: no column {wanted} for {name}; {self.listing}')
+        """Return the error that the column given for ``name`` is not in this file."""
+        header = shown(self.given[name].strip())
+        return MeasurementError(f'{self.path}: no column {header} for {name}; {self.listing}')
 
-    def _number(self, wanted: str) -> int | None:
-        if wanted[:1] == '#' and wanted[1:].isdecimal() and len(wanted) < 9:
-            if not 1 <= int(wanted[1:]) <= len(self.columns):
+    def _index(self, header: str) -> int | None:
+        if header[:1] == '#' and header[1:].isdecimal() and len(header) < 9:
+            if not 1 <= int(header[1:]) <= len(self.columns):
                 raise MeasurementError(
-                    f'{self.path}: no column {wanted}, expected #1 to #{len(self.columns)}'
+                    f'{self.path}: no column {header}, expected #1 to #{len(self.columns)}'
                 )
-            return int(wanted[1:]) - 1
-        for texts in ([one.text for one in self.columns], [one.name for one in self.columns]):
-            if (count := texts.count(wanted)) > 1 and wanted:
+            return int(header[1:]) - 1
+        for texts in ([col.text for col in self.columns], [col.name for col in self.columns]):
+            if (count := texts.count(header)) > 1 and header:
                 raise MeasurementError(
-                    f'{self.path}: {count} columns {shown(wanted)}; say which by its number, as '
-                    f'#{texts.index(wanted) + 1}'
+                    f'{self.path}: {count} columns {shown(header)}; say which by its number, as '
+                    f'#{texts.index(header) + 1}'
                 )
             if count:
-                return texts.index(wanted)
-        whole = [f'{one.name} [{one.unit}]' for one in self.columns]
-        return whole.index(wanted) if wanted in whole else None
+                return texts.index(header)
+        whole = [f'{column.name} [{column.unit}]' for column in self.columns]
+        return whole.index(header) if header in whole else None
 
     @property
     def listing(self) -> str:
-        """The names of the columns, of many not all, and whether they look like a header."""
-        names = [one.name or f'#{number + 1}' for number, one in enumerate(self.columns)]
+        """The names of the columns, shortened, with a doubt if they look like numbers."""
+        names = [column.name or f'#{index + 1}' for index, column in enumerate(self.columns)]
         doubt = f'; {_EXPECTED}' if any(map(NUMBER.match, names)) else ''
         return f'it has {listed(names)}{doubt}'
 
     def numbers(
         self, name: str, units: Mapping[str, float], default: str, is_scaled: bool = False
     ) -> FloatArray:
-        """Values of the column for ``name`` in the first of ``units``, NaN where there is none.
+        """Return the values for ``name`` in the first of ``units``, NaN for missing ones.
 
-        ``default`` is the unit where the header has none; what a calibration is given for
-        ``is_scaled`` by that, and may be in others, as counts and radians are.
+        ``default`` is the unit if the header has none. Readings with a calibration, ``is_scaled``,
+        may also be in any other unit, such as counts or radians.
 
         Raises:
-            MeasurementError: if there is no such column, its unit is another, or a cell holds no
-                number.
+            MeasurementError: if there is no such column, it has another unit, or a cell does not
+                hold a number.
         """
-        number = self.find(name)
-        if number is None:
+        index = self.find(name)
+        if index is None:
             raise MeasurementError(
                 f'{self.path}: no column {name}; {self.listing}; say --columns {name}=COLUMN'
             )
-        if isinstance(number, float):
-            return np.full(len(self.rows), number)
-        unit = self.columns[number].unit or default
+        if isinstance(index, float):
+            return np.full(len(self.rows), index)
+        unit = self.columns[index].unit or default
         unit = _IN_WORDS.get(unit, unit)
         if unit not in units and not is_scaled:
             raise MeasurementError(
                 f'{self.path}: {name} is in {shown(unit)}, expected {" or ".join(units)}'
             )
         values = np.empty(len(self.rows))
-        for place, row in enumerate(self.rows):
-            text = row[number].strip()
+        for n, row in enumerate(self.rows):
+            text = row[index].strip()
             if NUMBER.match(text) and math.isfinite(value := float(text)):
-                values[place] = value
+                values[n] = value
             elif text in _MISSING:
-                values[place] = math.nan
+                values[n] = math.nan
             else:
                 raise MeasurementError(
-                    f'{self.path}, line {self.lines[place]}: {name} is {shown(text)}, expected a '
+                    f'{self.path}, line {self.lines[n]}: {name} is {shown(text)}, expected a '
                     f'finite number [{unit}], or nothing'
                 )
         return units.get(unit, 1.0) * values
 
     def times(self) -> list[int]:
-        """The column time [ns].
+        """Return the column time [ns].
 
         Raises:
-            MeasurementError: if there is none, or a value is missing or none of a clock.
+            MeasurementError: if there is no such column, or a value is missing or not a time.
         """
-        number = self.find('time')
-        if number is None and not self.has_time:
+        index = self.find('time')
+        if index is None and not self.has_time:
             return [row * 10**9 for row in range(len(self.rows))]
-        if isinstance(number, int) and _ISO.match(self.rows[0][number].strip()):
-            texts = [row[number].strip() for row in self.rows]
-            return [self._stamp(*one) for one in zip(texts, self.lines, strict=True)]
+        if isinstance(index, int) and _ISO.match(self.rows[0][index].strip()):
+            texts = [row[index].strip() for row in self.rows]
+            return [self._stamp(*line) for line in zip(texts, self.lines, strict=True)]
         seconds = self.numbers('time', TIME, 's')
         fine = np.abs(seconds) < 2.0**31
         if not fine.all():
-            place = int(np.argmin(fine))
+            n = int(np.argmin(fine))
             raise MeasurementError(
-                f'{self.path}, line {self.lines[place]}: time is {float(seconds[place])!r} s, '
+                f'{self.path}, line {self.lines[n]}: time is {float(seconds[n])!r} s, '
                 'expected a time below 2147483648 s'
             )
         return [round(second * 1e9) for second in seconds.tolist()]
 
     def _stamp(self, text: str, line: int) -> int:
-        """A time of ISO 8601 [ns], of UTC where it says nothing else."""
+        """Return a time in ISO 8601 as a stamp [ns]; without a zone it is UTC."""
         try:
             day, clock, fraction, zone = _ISO.match(text).groups()  # type: ignore[union-attr]
             zone = '+00:00' if zone in (None, 'Z') else f'{zone[:3]}:{zone[-2:]}'
@@ -216,11 +216,11 @@ class CsvTable:
 
 
 def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> CsvTable:
-    """Read a file of headers and rows of numbers; ``given`` says which column is what.
+    """Read a file of headers and rows of numbers; ``given`` has the column of each quantity.
 
-    Fields are separated by commas, semicolons or tabs, whichever the header has. There may be no
-    header, or several lines of it: names above each other are one, and the last line may be of
-    units. Files of Motive and Vicon are known by their first line: their columns are
+    Fields are separated by commas, semicolons or tabs, whichever is in the header. There may be no
+    header, or one of several lines: names above each other are joined, and the last line may have
+    units. Exports of Motive and Vicon are recognised by their first line; their columns become
     <marker>_x, <marker>_y and <marker>_z, and time.
 
     Raises:
@@ -265,43 +265,43 @@ def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> Csv
 
 
 def check_columns(columns: Iterable[str], tables: Mapping[str, CsvTable]) -> None:
-    """Check that ``columns`` are looked for, and are in one of ``tables`` by their `KINDS`.
+    """Check that each of ``columns`` is used, and is in one of ``tables`` by their `KINDS`.
 
-    Other tables may have their own name for one. The only table of all is of no kind, ''.
+    Other tables may have the quantity under its own name. A single table has the kind ''.
 
     Raises:
-        MeasurementError: if one is in none of them, or not looked for.
+        MeasurementError: if a column is in none of the tables, or is not used.
     """
     taken = {name for table in tables.values() for name in table.taken}
     for table in tables.values():
         for name in table.given:
             if name in table.wanted and name not in taken:
                 raise table.lacking(name)
-    wanted = {name for table in tables.values() for name in table.wanted}
+    used = {name for table in tables.values() for name in table.wanted}
     of_one = {f'{kind}:{name}' for kind, table in tables.items() for name in table.wanted if kind}
-    if unread := [name for name in columns if name not in wanted | of_one]:
+    if unread := [name for name in columns if name not in used | of_one]:
         more = f', of one file as {", ".join(f"{kind}:NAME" for kind in KINDS)}' if of_one else ''
         where = f'{tables[""].path}: ' if '' in tables else ''
         raise MeasurementError(
             f'{where}--columns names {listed(unread)}, which is not read here; expected names of '
-            f'{listed(sorted(wanted))}{more}'
+            f'{listed(sorted(used))}{more}'
         )
 
 
 def _headers(rows: list[list[str]]) -> tuple[tuple[_Column, ...], int]:
-    """The columns of a file, and which of its ``rows`` is the first of numbers."""
+    """Return the columns of a file, and the index of the first of its ``rows`` with numbers."""
     first = rows[0][0].strip() if rows else ''
     named = next((n for n, row in enumerate(rows[:_MOST_HEADERS]) if row[0] == 'Frame'), 0)
     if first == 'Format Version' and named:
-        return _of_motive(rows[:named], rows[named]), named + 1
+        return _motive_columns(rows[:named], rows[named]), named + 1
     if first == 'Trajectories' and 1 < named < len(rows) - 1:
-        return _of_vicon(rows, named), named + 2
+        return _vicon_columns(rows, named), named + 2
     count = len(rows)
     for number, row in enumerate(rows[:_MOST_HEADERS]):
         cells = [cell.strip() for cell in row]
-        numbers = [bool(NUMBER.match(one) or _ISO.match(one)) for one in cells]
-        missing = [one in _MISSING for one in cells]
-        # Of numbers; the first row is if it has nothing else.
+        numbers = [bool(NUMBER.match(cell) or _ISO.match(cell)) for cell in cells]
+        missing = [cell in _MISSING for cell in cells]
+        # A row with a number has data, but the first row only if it has nothing else.
         if any(numbers) or all(missing) if number else all(map(max, numbers, missing)):
             count = number
             break
@@ -319,10 +319,10 @@ def _headers(rows: list[list[str]]) -> tuple[tuple[_Column, ...], int]:
     return tuple(columns), count
 
 
-def _of_motive(rows: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[_Column, ...]:
-    """Columns of an export of Motive: names, kinds and ``axes`` are in lines of their own."""
-    about = dict(zip(rows[0][::2], rows[0][1::2]))
-    unit = about.get('Length Units', '')
+def _motive_columns(rows: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[_Column, ...]:
+    """Return the columns of an export of Motive: names, kinds and ``axes`` are on own lines."""
+    properties = dict(zip(rows[0][::2], rows[0][1::2]))
+    unit = properties.get('Length Units', '')
     names: Sequence[str] = next((row for row in rows if row[1:2] == ['Name']), axes)
     kinds: Sequence[str] = next((row for row in rows if 'Position' in row), axes)
     columns = []
@@ -337,8 +337,8 @@ def _of_motive(rows: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[_Col
     return tuple(columns)
 
 
-def _of_vicon(rows: list[list[str]], named: int) -> tuple[_Column, ...]:
-    """Columns of trajectories of Vicon; frames over their rate become the column time."""
+def _vicon_columns(rows: list[list[str]], named: int) -> tuple[_Column, ...]:
+    """Return the columns of an export of Vicon; frames over their rate become the time."""
     rate, width = rows[1][0].strip(), len(rows[named])
     columns, name = [], ''
     for number, axis in enumerate(rows[named]):

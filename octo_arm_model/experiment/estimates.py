@@ -1,4 +1,4 @@
-"""The estimates of a recording by filter or smoother, and when the arm was touched."""
+"""The estimates of a recording by filter or smoother, and the touches in them."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,21 +23,21 @@ from octo_arm_model.experiment.sensor_recording import SensorRecording
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.wire.messages import Refusals
 
-Group = Sequence[StampedMeasurement]  # what has the same stamp
+Group = Sequence[StampedMeasurement]  # measurements with the same stamp
 
 
 def _filtered(
     recorded: SensorRecording, failures: Refusals, progress: Callable[[int, int], None]
 ) -> Iterator[tuple[Group, EstimatorOutput]]:
-    """Estimates by the recursive filter, of what was measured up to each time.
+    """Yield the estimates of the recursive filter, from the measurements up to each time.
 
-    Where measurements of one time give no estimate they are left out, and are ``failures``.
+    Measurements of a time without an estimate are left out and counted in ``failures``.
     """
     estimator = Estimator.from_settings(recorded.settings, recorded.models, 0.0)
     for number, group in enumerate(recorded.groups):
         progress(number, len(recorded.groups))
         try:
-            yield group, estimator.add(group[0].stamp_ns, [one.measurement for one in group])
+            yield group, estimator.add(group[0].stamp_ns, [item.measurement for item in group])
         except OctoArmError as error:
             failures.count('', str(error))
     progress(len(recorded.groups), len(recorded.groups))
@@ -46,10 +46,10 @@ def _filtered(
 def _smoothed(
     filtered: Iterable[tuple[Group, EstimatorOutput]], models: Mapping[str, ArmModel]
 ) -> Iterator[tuple[Group, EstimatorOutput]]:
-    """Estimates by the smoother, each of all that the filter used.
+    """Yield the estimates of the smoother, each from all measurements that the filter used.
 
-    Where the filter begins anew so does the smoother: the measurements before belong to a state
-    that was given up.
+    Where the filter was reset the smoother starts again, because earlier measurements belong to
+    another state.
     MeasurementError if the place of contact is unknown, SolveError if there is no solution.
     """
     if len(models) > 1:
@@ -58,11 +58,11 @@ def _smoothed(
         )
     (name,) = models
     parts: list[list[tuple[Group, Estimate]]] = [[]]
-    for group, one in filtered:
-        if one.begins_anew:
+    for group, update in filtered:
+        if update.begins_anew:
             parts.append([])
-        one.estimate.at.forget()
-        parts[-1].append((group, one.estimate))
+        update.estimate.at.forget()
+        parts[-1].append((group, update.estimate))
     for number, part in enumerate(parts):
         estimates = smooth_steps([step for _, step in part])
         for (group, _), estimate in zip(part, estimates, strict=True):
@@ -71,7 +71,7 @@ def _smoothed(
 
 
 SURE = 0.999  # probability of no false alarm at one time
-LEARNT = 0.5  # part of the standard deviation of the prior that is left where a force counts
+LEARNT = 0.5  # largest ratio of the standard deviations of estimate and prior if a force counts
 GAP = 0.5  # [s] without a significant force that ends a touch
 SHORTEST = 0.1  # [s]
 _NONE = Contact(np.nan, np.full(6, np.nan), np.full((6, 6), np.nan))
@@ -81,16 +81,16 @@ class Moment(NamedTuple):
     """Tip, contact and their standard deviations at one time.
 
     Attributes:
-        stamp_ns: when [ns].
-        received_ns: when the recorder had received all that was measured then [ns].
-        time: when, from the start of the recording [s].
-        tip: position (3,) [m].
-        tip_stddev: (3,) [m].
-        s: where the contact is [m]; NaN of a current, and of none.
-        wrench: of the contact, (6,) [N, N m]; NaN of none.
-        wrench_stddev: zero of what is not estimated, (6,).
-        hypothesis: by which it is.
-        is_significant: whether the force is more than its uncertainty explains.
+        stamp_ns: stamp of the measurements [ns].
+        received_ns: time when the recorder had received all of them [ns].
+        time: time from the start of the recording [s].
+        tip: position of the tip (3,) [m].
+        tip_stddev: its standard deviations (3,) [m].
+        s: arc coordinate of the contact [m]; NaN for a current, and without contact.
+        wrench: wrench of the contact (6,) [N, N m]; NaN without contact.
+        wrench_stddev: its standard deviations (6,); zero for components that are not estimated.
+        hypothesis: name of the hypothesis of the estimate.
+        is_significant: whether the force is larger than its uncertainty explains.
     """
 
     stamp_ns: int
@@ -105,42 +105,42 @@ class Moment(NamedTuple):
     is_significant: bool
 
 
-def _moment_of(group: Group, one: EstimatorOutput, recorded: SensorRecording) -> Moment:
-    """Tip, contact and their deviations by ``one`` estimate, of what a ``group`` measured."""
-    estimate, stamp = one.estimate, group[0].stamp_ns
+def _moment_of(group: Group, update: EstimatorOutput, recorded: SensorRecording) -> Moment:
+    """Return tip, contact and their deviations after the ``update`` by a ``group``."""
+    estimate, stamp = update.estimate, group[0].stamp_ns
     tip_stddev = np.sqrt(np.diag(estimate.pose_covariance[-1]))[:3]
     contact = contact_of(estimate, recorded.config.arm) or _NONE
     return Moment(
         stamp,
-        max(part.received_ns for part in group),
+        max(item.received_ns for item in group),
         1e-9 * (stamp - recorded.origin_ns),
         estimate.backbone.tip,
         tip_stddev,
         contact.s,
         contact.wrench,
         np.sqrt(np.diag(contact.covariance)),
-        one.hypothesis,
+        update.hypothesis,
         is_touched(estimate),
     )
 
 
 def is_touched(estimate: Estimate) -> bool:
-    """Whether the unknown force of a contact is not zero, as far as anything was learnt of it.
+    """Whether the unknown contact force differs from zero in directions that measurements tell.
 
-    Along a straight arm, as an example, nothing is: a force that is found there is what the prior
-    makes of others that would have been seen.
+    They do not tell a force along a straight arm, for example: its estimate depends on the prior
+    and on the other components.
     """
     state = estimate.state
     parts = state.tip_force, state.point_forces, state.current
-    where = next((part for part in parts if part.stop > part.start), slice(0, 0))
-    where = slice(where.start, min(where.start + 3, where.stop))
-    if where.stop == where.start:
+    force = next((part for part in parts if part.stop > part.start), slice(0, 0))
+    force = slice(force.start, min(force.start + 3, force.stop))
+    if force.stop == force.start:
         return False
-    variances, axes = np.linalg.eigh(estimate.covariance[where, where])
-    learnt = variances <= (LEARNT * estimate.prior_stddev[where].min()) ** 2
+    variances, axes = np.linalg.eigh(estimate.covariance[force, force])
+    learnt = variances <= (LEARNT * estimate.prior_stddev[force].min()) ** 2
     if not learnt.any():
         return False
-    along = axes.T @ estimate.mean[where]
+    along = axes.T @ estimate.mean[force]
     square = float((along[learnt] ** 2 / variances[learnt]).sum())
     return square > chi_square_limit(SURE, int(learnt.sum()))
 
@@ -149,11 +149,11 @@ class Touch(NamedTuple):
     """One touch.
 
     Attributes:
-        start: when it begins [s].
-        stop: when it ends [s].
+        start: time of its start [s].
+        stop: time of its end [s].
         force: median of the force in base_frame, (3,) [N].
         stddev: median of its standard deviations, (3,) [N].
-        hypothesis: by which it was mostly found.
+        hypothesis: most frequent hypothesis of its estimates.
     """
 
     start: float
@@ -164,21 +164,21 @@ class Touch(NamedTuple):
 
 
 def _find_touches(moments: Iterable[Moment]) -> list[Touch]:
-    """Intervals of significant forces among ``moments`` by ascending time."""
+    """Return the intervals of significant forces among ``moments`` in ascending time."""
     parts: list[list[Moment]] = []
-    for one in moments:
-        if one.is_significant:
-            if not parts or one.time - parts[-1][-1].time > GAP:
+    for moment in moments:
+        if moment.is_significant:
+            if not parts or moment.time - parts[-1][-1].time > GAP:
                 parts.append([])
-            parts[-1].append(one)
+            parts[-1].append(moment)
     return [_touch(part) for part in parts if part[-1].time - part[0].time >= SHORTEST]
 
 
-def _touch(part: Sequence[Moment]) -> Touch:
-    force = np.median([one.wrench[:3] for one in part], axis=0)
-    stddev = np.median([one.wrench_stddev[:3] for one in part], axis=0)
-    ((name, _),) = Counter(one.hypothesis for one in part).most_common(1)
-    return Touch(part[0].time, part[-1].time, force, stddev, name)
+def _touch(moments: Sequence[Moment]) -> Touch:
+    force = np.median([moment.wrench[:3] for moment in moments], axis=0)
+    stddev = np.median([moment.wrench_stddev[:3] for moment in moments], axis=0)
+    ((name, _),) = Counter(moment.hypothesis for moment in moments).most_common(1)
+    return Touch(moments[0].time, moments[-1].time, force, stddev, name)
 
 
 @dataclass(frozen=True)
@@ -186,16 +186,16 @@ class Result:
     """The estimates of a recording, in summary.
 
     Attributes:
-        recorded: what was measured.
-        moments: course of the estimate.
-        touches: when the arm was touched.
-        consistency: of each kind of measurement, by its name.
-        failures: times without an estimate, by the reason.
+        recorded: the recording.
+        moments: tip and contact at each time.
+        touches: intervals in which the arm was touched.
+        consistency: consistency of each kind of measurement, by its name.
+        failures: counts of times without an estimate, by the reason.
         unobserved: directions of the state that no measurement depended on at the end, in words.
-        camera: errors against a camera; None where there is none.
-        hypotheses: mean probability of each.
-        restarts: times at which what was known before was given up [s].
-        suspects: times [s] at which one of some sensors may lie, by their names; see `Estimate`.
+        camera: errors against a camera, or None.
+        hypotheses: mean probability of each hypothesis.
+        restarts: times at which the estimate was reset [s].
+        suspects: times [s] at which one of several sensors may be wrong, by their names.
     """
 
     recorded: SensorRecording
@@ -213,39 +213,39 @@ class Result:
 def estimate(
     recorded: SensorRecording,
     is_smooth: bool = False,
-    write: Callable[[Moment, EstimatorOutput], None] = lambda moment, one: None,
+    write: Callable[[Moment, EstimatorOutput], None] = lambda moment, update: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Result:
-    """Estimates of all times, of which ``write`` is called with each.
+    """Estimate the state at all times; ``write`` is called with each estimate.
 
-    ``progress`` is called with how many of the times are done, and of how many.
+    ``progress`` is called with the numbers of times done and of all.
 
     Raises:
-        SolveError: if there is none; with ``is_smooth`` as `_smoothed`.
-        MeasurementError: with ``is_smooth`` also if there are too many times.
-        OctoArmError: as ``write``.
+        SolveError: if there is no estimate at any time, or the smoother has no solution.
+        MeasurementError: with ``is_smooth``, if times are too many or the contact's place unknown.
+        OctoArmError: if ``write`` raises it.
     """
     failures = Refusals()
-    found = _filtered(recorded, failures, progress)
+    updates = _filtered(recorded, failures, progress)
     if is_smooth:
         check_count(len(recorded.groups))
-        found = _smoothed(found, recorded.models)
+        updates = _smoothed(updates, recorded.models)
     moments: list[Moment] = []
     consistency: dict[str, Consistency] = {}
     restarts: list[float] = []
     suspects: dict[tuple[str, ...], list[float]] = {}
     total: Counter[str] = Counter()
-    for group, one in found:
-        moments.append(moment := _moment_of(group, one, recorded))
-        write(moment, one)
-        if one.begins_anew:
+    for group, update in updates:
+        moments.append(moment := _moment_of(group, update, recorded))
+        write(moment, update)
+        if update.begins_anew:
             restarts.append(moment.time)
-        if one.estimate.suspects:
-            suspects.setdefault(tuple(sorted(one.estimate.suspects)), []).append(moment.time)
-        count_innovations(consistency, moment.stamp_ns, one.innovations)
+        if update.estimate.suspects:
+            suspects.setdefault(tuple(sorted(update.estimate.suspects)), []).append(moment.time)
+        count_innovations(consistency, moment.stamp_ns, update.innovations)
         if recorded.camera is not None:
-            recorded.camera.add(moment.time, one.estimate.backbone)
-        total.update(one.probabilities)
+            recorded.camera.add(moment.time, update.estimate.backbone)
+        total.update(update.probabilities)
     if not moments:
         raise SolveError(f'no estimate at any time{failures.in_short}')
     return Result(
@@ -254,7 +254,7 @@ def estimate(
         _find_touches(moments),
         consistency,
         failures,
-        [direction.reason for direction in one.estimate.unobserved],
+        [direction.reason for direction in update.estimate.unobserved],
         recorded.camera.errors() if recorded.camera is not None else None,
         {name: value / len(moments) for name, value in total.items()},
         restarts,
@@ -279,7 +279,7 @@ class EstimateTables(CsvFiles):
     """Writes estimate.csv, a row for each time, and innovations.csv, a row for each number."""
 
     def __init__(self, folder: Path, models: Mapping[str, ArmModel]) -> None:
-        """Write into ``folder`` what is estimated by ``models``.
+        """Create the tables in ``folder`` for estimates by ``models``.
 
         Raises:
             OSError: if a file cannot be written.
@@ -308,11 +308,11 @@ class EstimateTables(CsvFiles):
             ]
         )
 
-    def write(self, moment: Moment, one: EstimatorOutput) -> None:
-        """Write ``one`` estimate; OSError if it cannot be written."""
-        time, estimate = round(moment.time, 9), one.estimate
-        at = _besides_contact(estimate.state)
-        deviations = np.sqrt(np.diag(estimate.covariance))[at]
+    def write(self, moment: Moment, update: EstimatorOutput) -> None:
+        """Write the ``update`` of one time; OSError if it cannot be written."""
+        time, estimate = round(moment.time, 9), update.estimate
+        others = _besides_contact(estimate.state)
+        deviations = np.sqrt(np.diag(estimate.covariance))[others]
         self._estimates.writerow(
             [
                 time,
@@ -321,33 +321,33 @@ class EstimateTables(CsvFiles):
                 moment.s,
                 *moment.tip.tolist(),
                 *moment.wrench.tolist(),
-                *estimate.mean[at].tolist(),
+                *estimate.mean[others].tolist(),
                 *moment.tip_stddev.tolist(),
                 *moment.wrench_stddev.tolist(),
                 *deviations.tolist(),
                 *estimate.normalised_square,
-                ' and '.join(part.name for part in one.innovations if not part.is_accepted),
-                *(one.probabilities[name] for name in self._hypotheses),
+                ' and '.join(one.name for one in update.innovations if not one.is_accepted),
+                *(update.probabilities[name] for name in self._hypotheses),
             ]
         )
-        for part in one.innovations:
-            stddev = np.sqrt(np.diag(part.covariance))
-            for number, (value, size) in enumerate(zip(part.value, stddev, strict=True)):
+        for innovation in update.innovations:
+            stddev = np.sqrt(np.diag(innovation.covariance))
+            for number, (value, size) in enumerate(zip(innovation.value, stddev, strict=True)):
                 self._innovations.writerow(
                     [
                         time,
-                        part.name,
+                        innovation.name,
                         number,
                         float(value),
                         float(size),
-                        part.normalised_square,
-                        int(part.is_accepted),
+                        innovation.normalised_square,
+                        int(innovation.is_accepted),
                     ]
                 )
 
 
 def _besides_contact(state: State) -> list[int]:
-    """Components of a ``state`` but those of the contact, which has columns of its own."""
+    """Return the indices of a ``state`` without the contact, which has other columns."""
     others = slice(state.point_forces.start + 3, state.point_forces.stop)
     parts = state.tension, state.tension_bias, others, state.log_modulus, state.tension_loss
     return [number for part in parts for number in range(state.size)[part]]

@@ -1,8 +1,8 @@
 """Least squares of a model against measured shapes: residuals, their derivatives, the minimum.
 
-Points are paired by their fraction of the length from the beginning of the measured midline to the
-tip. That needs no markers on the arm, and noise, which lengthens a midline evenly, does not change
-it. The midline begins at the point of the model nearest to its first point. Markers are
+Points are paired by their fraction of the length from the start of the measured midline to the
+tip. This needs no markers on the arm, and is not changed by noise, which lengthens a midline
+evenly. The midline begins at the point of the model nearest to its first point. Markers are
 paired with the points of the model at their arc coordinates.
 
 The robust loss is soft_l1 of distances instead of coordinates: with the distance d of a point and
@@ -35,23 +35,23 @@ from octo_arm_model.rod.displacements import displacements_of, solve_displacemen
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.rod.stations import interpolated
 
-# Least scale of the residuals, relative to the length: recordings are not more accurate.
+# Least scale of the residuals over the length: recordings are not more accurate.
 _FINEST = 1e-6
-# Likewise of encoders: the drum of a winch and its zero are not known better.
+# Least scale of encoder residuals over the length: winches and their zeros are not known better.
 ENCODERS_FINEST = 1e-4
 SOFT_L1, LINEAR = 'soft_l1', 'linear'
-LOSSES = (LINEAR, SOFT_L1)  # the plain sum of squares, and robust
+LOSSES = (LINEAR, SOFT_L1)  # the plain sum of squares, and a robust loss
 _ROUNDS = 10
 _ALIGNMENT_ROUNDS = 20
-_SETTLED = 1e-2  # of the scale between two rounds
-_TOLERANCE = 1e-8  # of the sum of squares between two steps
+_SETTLED = 1e-2  # relative change of the scale below which rounds end
+_TOLERANCE = 1e-8  # relative change of the sum of squares below which steps end
 _EVALUATIONS = 100
-_STEP = 1e-4  # of differences, of the scale of an unknown
+_STEP = 1e-4  # step of differences over the scale of an unknown
 _NO_ANSWER = (SolveError, TensionError, ArmDefinitionError)
 
 
 class SolvedSteps(NamedTuple):
-    """The steps at one x: shapes, and what encoders would read (steps, tendons) [m]."""
+    """The steps at one x: shapes, and expected encoder readings (steps, tendons) [m]."""
 
     backbones: tuple[Backbone, ...]
     curves: tuple[Curve, ...]
@@ -64,16 +64,16 @@ class Problem:
     Attributes:
         shapes: the measurements.
         unknowns: the parameters to fit.
-        length: of the arm [m].
+        length: length of the arm [m].
     """
 
     def __init__(self, shapes: Sequence[MeasuredShape], unknowns: Unknowns) -> None:
-        """Fit ``unknowns`` to ``shapes``."""
+        """Set up the fit of ``unknowns`` to ``shapes``."""
         self.shapes, self.unknowns = tuple(shapes), unknowns
         self.length = unknowns.arm.length
         self._of_arm = [n for n, name in enumerate(unknowns.names) if name not in ALIGNMENT]
         self._weight, self._is_weighed = 1.0, False
-        # The arm does not depend on where the camera is.
+        # Shapes are cached by the unknowns of the arm, because they do not depend on the camera.
         self._solved = functools.lru_cache(maxsize=2)(self._solve)
         self._derivatives = functools.lru_cache(maxsize=2)(self._differentiate)
 
@@ -83,36 +83,37 @@ class Problem:
         return self.solve_steps(x)
 
     def solve_steps(self, x: FloatArray) -> SolvedSteps:
-        """Solve all steps; tendons with friction slide on from the step before."""
+        """Solve all steps; tendons with friction continue from the previous step."""
         unknowns, readings = self.unknowns, self.unknowns.readings
         solver = unknowns.solver(x)
         if readings.are_lengths:
-            names, found, last = solver.arm.tendon_names, [], None
+            names, shapes, last = solver.arm.tendon_names, [], None
             for read in unknowns.lengths(x):
                 last = solve_displacements(solver, lengths_of(names, read), start=last)
-                found.append(last.backbone)
+                shapes.append(last.backbone)
         else:
-            found = followed(solver, [unknowns.tensions(x, read) for read in readings.tensions])
+            shapes = followed(solver, [unknowns.tensions(x, read) for read in readings.tensions])
         expected = np.full(readings.displacements.shape, np.nan)
         if unknowns.reads_encoders:
-            lengths = np.array([displacements_of(solver, one).ravel() for one in found])
+            lengths = np.array([displacements_of(solver, shape).ravel() for shape in shapes])
             expected = unknowns.readings_of(x, lengths)
-        return SolvedSteps(tuple(found), tuple(Curve(one.position) for one in found), expected)
+        curves = tuple(Curve(shape.position) for shape in shapes)
+        return SolvedSteps(tuple(shapes), curves, expected)
 
     def _at(self, x: FloatArray) -> SolvedSteps:
         return self._solved(tuple(x[self._of_arm].tolist()))
 
     def backbones(self, x: FloatArray) -> tuple[Backbone, ...]:
-        """Solutions for all steps at ``x``.
+        """Return the solutions of all steps at ``x``.
 
         Raises:
-            SolveError: if one has none.
-            ArmDefinitionError: if there can be no such arm.
+            SolveError: if a step has no solution.
+            ArmDefinitionError: if ``x`` does not describe a possible arm.
         """
         return self._at(x).backbones
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
-        """Measured points of each step less those of the model at ``x``, (m, 3) [m]."""
+        """Return the measured points of each step minus the model's at ``x``, (m, 3) [m]."""
         alignment, solved = self.unknowns.alignment(x), self._at(x)
         return [
             shape_residuals(shape, alignment.to_base(shape.points), backbone, curve)
@@ -122,10 +123,10 @@ class Problem:
         ]
 
     def weighed(self, x: FloatArray) -> list[FloatArray]:
-        """All residuals of each step as points, (taut + m, 3) [m].
+        """Return all residuals of each step as points, (taut + m, 3) [m].
 
-        Those of encoders, of one coordinate each, come before the `residuals` of the camera and
-        are weighed so that both are of one size.
+        The residuals of encoders, with one coordinate each, come before the `residuals` of the
+        camera, and are weighted so that both have the same scale.
         """
         camera = self.residuals(x)
         if not self.unknowns.reads_encoders:
@@ -134,26 +135,26 @@ class Problem:
         return [np.concatenate(pair) for pair in zip(encoders, camera, strict=True)]
 
     def _encoders(self, x: FloatArray) -> list[FloatArray]:
-        """Readings of taut tendons less those of the model, of each step (taut,) [m]."""
+        """Return the readings of taut tendons minus the model's, for each step (taut,) [m]."""
         away = self.unknowns.readings.displacements - self._at(x).readings
         return [row[taut] for row, taut in zip(away, self.unknowns.taut, strict=True)]
 
     def jacobian(self, x: FloatArray) -> list[FloatArray]:
-        """Derivative of what is `weighed` of each step by x, (taut + m, 3, unknowns)."""
+        """Return the derivative of what is `weighed` of each step, (taut + m, 3, unknowns)."""
         return self._derivatives(tuple(x.tolist()), self._weight)
 
     def _differentiate(self, at: tuple[float, ...], weight: float) -> list[FloatArray]:
-        """Central differences: where a tendon sticks there are no other derivatives."""
+        """Return central differences; there are no other derivatives where a tendon sticks."""
         x = np.array(at)
-        here = np.concatenate(self.weighed(x))
+        residuals = np.concatenate(self.weighed(x))
         columns = []
         for number, unknown in enumerate(self.unknowns.unknowns):
-            sides = [(x[number], here)]
-            # Small motions of the camera are linear.
+            sides = [(x[number], residuals)]
+            # Residuals are linear in small motions of the camera, so that one side is enough.
             for step in (1.0,) if unknown.name in ALIGNMENT else (-1.0, 1.0):
                 moved = x.copy()
-                to = x[number] + step * _STEP * unknown.scale
-                moved[number] = min(max(to, unknown.low), unknown.high)
+                shifted = x[number] + step * _STEP * unknown.scale
+                moved[number] = min(max(shifted, unknown.low), unknown.high)
                 try:
                     sides.append((moved[number], np.concatenate(self.weighed(moved))))
                 except _NO_ANSWER:
@@ -168,50 +169,50 @@ class Problem:
         return np.split(np.stack(columns, axis=-1), ends)
 
     def camera_jacobian(self, x: FloatArray) -> list[FloatArray]:
-        """Derivative of the `residuals` of each step by x, (m, 3, unknowns)."""
+        """Return the derivative of the `residuals` of each step by x, (m, 3, unknowns)."""
         pairs = zip(self.jacobian(x), self.shapes, strict=True)
         return [part[len(part) - len(shape.points) :] for part, shape in pairs]
 
     def encoder_scale(self, x: FloatArray) -> float:
-        """Scale of the residuals of encoders at ``x`` [m]: their accuracy, as far as it shows."""
+        """Return the scale of the encoder residuals at ``x`` [m], that is their accuracy."""
         away = np.concatenate(self._encoders(x))[:, np.newaxis]
         return _scale_of(away, ENCODERS_FINEST * self.length)
 
     def scale(self, x: FloatArray) -> float:
-        """Scale of the robust loss, from the residuals at ``x`` [m]."""
+        """Return the scale of the robust loss [m], from the residuals at ``x``."""
         return _scale_of(np.concatenate(self.residuals(x)), _FINEST * self.length)
 
     def minimise(
         self, x: FloatArray, scale: float | None, steps: Sequence[int] | None = None
     ) -> FloatArray:
-        """Least sum over ``steps``, all if None, of the robust loss, from ``x`` on.
+        """Minimise the sum of the robust loss over ``steps``, all if None, starting at ``x``.
 
-        Without a ``scale`` it is the sum of squares.
+        Without a ``scale`` the loss is the sum of squares.
 
         Raises:
-            SolveError: if the model has no answer at ``x``.
+            SolveError: if the model has no solution at ``x``.
             ConvergenceError: if no minimum is found.
         """
         chosen = range(len(self.shapes)) if steps is None else steps
-        # Without a solution here it is an error, not a rejected trial.
-        begun = self.weighed(x)
-        size = sum(begun[step].size for step in chosen)
+        # No solution at the start is an error, while a later one is a rejected trial.
+        initial = self.weighed(x)
+        size = sum(initial[step].size for step in chosen)
 
         def fun(x: FloatArray) -> FloatArray:
             try:
                 away = self.weighed(x)
             except _NO_ANSWER:
-                # No such arm or no solution: infinite residuals, so that the step is shortened.
+                # Infinite residuals make the optimiser shorten a step without a solution.
                 return np.full(size, np.inf)
             return np.concatenate([away[step] for step in chosen]).ravel()
 
         def jacobian(x: FloatArray) -> FloatArray:
-            changes = self.jacobian(x)
-            return np.concatenate([changes[step] for step in chosen]).reshape(-1, x.size)
+            derivatives = self.jacobian(x)
+            return np.concatenate([derivatives[step] for step in chosen]).reshape(-1, x.size)
 
         unknowns = self.unknowns.unknowns
         low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
-        found = least_squares(
+        result = least_squares(
             fun,
             np.clip(x, low, high),
             jacobian,
@@ -225,37 +226,37 @@ class Problem:
             gtol=None,
             max_nfev=_EVALUATIONS,
         )
-        if found.status <= 0:
+        if result.status <= 0:
             raise ConvergenceError(
-                f'the fit of {self.unknowns.model}', float(found.optimality), int(found.nfev)
+                f'the fit of {self.unknowns.model}', float(result.optimality), int(result.nfev)
             )
-        return found.x
+        return result.x
 
     def solve(
         self, loss: str = SOFT_L1, start: FloatArray | None = None
     ) -> tuple[FloatArray, float | None]:
-        """The fit by one of `LOSSES`: of soft_l1 minimum and scale alternately, until both settle.
+        """Fit by one of `LOSSES`; for soft_l1 minimum and scale alternate until both settle.
 
-        From ``start`` on, or else from where the unknowns begin.
+        The fit starts at ``start``, or else at the start of the unknowns.
 
         Returns:
-            x and the scale of the robust loss [m], None of the sum of squares.
+            x and the scale of the robust loss [m]; None for the sum of squares.
 
         Raises:
-            SolveError: if the model has no answer to begin with.
+            SolveError: if the model has no solution at the start.
             ConvergenceError: if no minimum is found.
             MeasurementError: if a midline does not begin near the base.
         """
         x = self.unknowns.start if start is None else start
         if self.unknowns.reads_encoders and not self._is_weighed:
-            self._is_weighed, begun = True, x
-            # The weight of encoder readings beside the camera settles first.
+            self._is_weighed, fit = True, x
+            # The weight of encoder readings against the camera settles first.
             for _ in range(_ROUNDS):
-                begun = self.minimise(begun, None)
-                before, self._weight = self._weight, self.scale(begun) / self.encoder_scale(begun)
+                fit = self.minimise(fit, None)
+                before, self._weight = self._weight, self.scale(fit) / self.encoder_scale(fit)
                 if abs(self._weight - before) < _SETTLED * before:
                     break
-        found: float | None = None
+        final_scale: float | None = None
         if loss == SOFT_L1:
             scale = self.scale(x)
             for _ in range(_ROUNDS):
@@ -263,52 +264,52 @@ class Problem:
                 previous, scale = scale, self.scale(x)
                 if abs(scale - previous) < _SETTLED * previous:
                     break
-            found = scale
-        x = self.minimise(x, found)
+            final_scale = scale
+        x = self.minimise(x, final_scale)
         alignment = self.unknowns.alignment(x)
         for shape, curve in zip(self.shapes, self._at(x).curves, strict=True):
             if shape.s is None:
                 curve.fractions(alignment.to_base(shape.points), check=True)
-        return x, found
+        return x, final_scale
 
 
 def followed(solver: Solver, tensions: Iterable[FloatArray]) -> list[Backbone]:
-    """Shapes under sets of ``tensions`` (tendons,) [N], in their order.
+    """Return the shapes under sets of ``tensions`` (tendons,) [N], in their order.
 
-    Each tendon with friction slides on from the set before.
+    Each tendon with friction continues from the previous set.
 
     Raises:
-        SolveError: if the model has no answer for one.
+        SolveError: if the model has no solution for a set.
     """
-    found: list[Backbone] = []
-    for pulled in tensions:
-        shaped = pulled.reshape(solver.arm.tension_shape)
-        last = found[-1] if found and solver.arm.friction else None
-        found.append(solver.follow(shaped, last))
-    return found
+    backbones: list[Backbone] = []
+    for row in tensions:
+        shaped = row.reshape(solver.arm.tension_shape)
+        last = backbones[-1] if backbones and solver.arm.friction else None
+        backbones.append(solver.follow(shaped, last))
+    return backbones
 
 
 def fit_alignment(
     shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], model: str
 ) -> Alignment:
-    """Alignment, one for all steps, that brings ``shapes`` nearest to an arm as it is.
+    """Return the alignment, one for all steps, that brings ``shapes`` nearest to the given arm.
 
     Raises:
-        SolveError: if the model has no answer, or no minimum is found.
+        SolveError: if the model has no solution, or no minimum is found.
         MeasurementError: if there are too few points, or a midline does not begin near the base.
     """
     readings = Readings.of(shapes)
     unknowns = Unknowns(parameters, model, ['alignment'], readings, Alignment.none())
     problem = Problem(shapes, unknowns)
-    begin = _first_alignment(shapes, problem.backbones(unknowns.start))
-    x, _ = problem.solve(start=np.concatenate([begin.shift, begin.turn]))
+    initial = _first_alignment(shapes, problem.backbones(unknowns.start))
+    x, _ = problem.solve(start=np.concatenate([initial.shift, initial.turn]))
     return unknowns.alignment(x)
 
 
 def _first_alignment(shapes: Sequence[MeasuredShape], models: Sequence[Backbone]) -> Alignment:
-    """Alignment of ``shapes``, in the camera's frame, with ``models``, roughly.
+    """Return a rough alignment of ``shapes``, in the camera's frame, with ``models``.
 
-    As if all midlines began at the base. Iteratively reweighted, so that outliers count less.
+    All midlines are taken to begin at the base. Weights are iterated, so that outliers count less.
     """
     camera = np.concatenate([shape.points for shape in shapes])
     if len(camera) < 3:
@@ -337,9 +338,9 @@ def _first_alignment(shapes: Sequence[MeasuredShape], models: Sequence[Backbone]
 def shape_residuals(
     shape: MeasuredShape, measured: FloatArray, backbone: Backbone, curve: Curve | None = None
 ) -> FloatArray:
-    """Points of a ``shape``, ``measured`` (m, 3) in base_frame, less those of the model [m].
+    """Return the points of a ``shape``, ``measured`` (m, 3) in base_frame, minus the model's [m].
 
-    ``curve`` is that of the ``backbone``, where it is known already.
+    ``curve`` is that of the ``backbone``, if it is known already.
     """
     if shape.s is not None:
         return measured - interpolated(shape.s, backbone.s, backbone.position)
@@ -348,15 +349,15 @@ def shape_residuals(
 
 
 def _scale_of(away: FloatArray, least: float) -> float:
-    """Scale for residuals (..., 3) [m]: 1.48 times their median distance, at least ``least``."""
+    """Return the scale of residuals (..., 3) [m]: 1.48 times their median, at least ``least``."""
     return max(MAD * float(np.median(np.linalg.norm(away, axis=-1))), least)
 
 
 def _soft_loss(squares: FloatArray) -> FloatArray:
-    """Loss of `least_squares` for ``squares`` (3 points,) of residuals x, y, z over the scale.
+    """Return the loss of `least_squares` for ``squares`` (3 points,) of scaled residuals x, y, z.
 
-    Of each a third of its point's rho, and the first two derivatives of rho by the square,
-    (3, 3 points).
+    The rows (3, 3 points) are a third of rho of each point, and its first two derivatives by the
+    square.
     """
     root = np.sqrt(1.0 + squares.reshape(-1, 3).sum(axis=1))
     return np.repeat([2.0 / 3.0 * (root - 1.0), 1.0 / root, -0.5 / root**3], 3, axis=1)

@@ -1,4 +1,4 @@
-"""The result of a fit: its parameter file, and which of several models to take."""
+"""The result of a fit: its parameter file, and the choice among several models."""
 
 import dataclasses
 import math
@@ -23,25 +23,24 @@ class Identification:
     """A fitted model.
 
     Attributes:
-        model: its name.
-        loss: what was minimised, of `fit.LOSSES`.
-        estimates: by name; those that the data leave open have no value.
-        undetermined: why each of the others was left as it was, in words.
-        before: misfit of the parameters the fit began with.
-        parameters: of the fitted arm; see `Config.from_parameters`.
+        model: name of the model.
+        loss: loss that was minimised, of `fit.LOSSES`.
+        estimates: estimates by name; one that the data leave open has no value.
+        undetermined: reasons why the others keep their values, in words.
+        before: misfit of the parameters that the fit started with.
+        parameters: parameters of the fitted arm, as for `Config.from_parameters`.
         alignment: transform camera to base.
-        tensions: those of each step by the fitted load cells or, without, by the lengths that
-            winches reeled in, (steps, tendons) [N].
-        correlations: of the estimates with a value, (n, n), in their order; None of none.
+        tensions: tensions of each step by the fitted load cells or, without load cells, by the
+            lengths that winches reeled in, (steps, tendons) [N].
+        correlations: correlations of the estimates with a value, (n, n), in their order, or None.
         notes: remarks, in words.
         after: misfit of the fit, on the data it was fitted to; None if nothing is fitted.
-        cross_validation: misfit of loads on which the model was not fitted; None of fewer than
-            two loads.
-        step_misfits: that of each fold of steps left out, and which these are, from 1.
-        floor: distance that held-back loads show and neither noise nor a change at single steps
-            explains, in `Estimate.model_stddev` [m]; None without held-back loads.
-        tip_stddev: standard deviation of each coordinate of the tip at held-back loads, without
-            the camera's noise, in parts of the length [-]; None likewise.
+        cross_validation: misfit at loads left out of the fit; None for fewer than two loads.
+        step_misfits: numbers of the steps of each left-out fold, from 1, and its misfit.
+        floor: distance at left-out loads that neither noise nor a change at single steps explains,
+            contained in `Estimate.model_stddev` [m]; None if no load was left out.
+        tip_stddev: standard deviation of each coordinate of the tip at left-out loads, without the
+            camera's noise, over the length [-]; None if no load was left out.
     """
 
     model: str
@@ -63,11 +62,11 @@ class Identification:
     @property
     def is_trustworthy(self) -> bool:
         """Whether the data determine a parameter other than poses and zeros, if one was fitted."""
-        own = [name for name in self.estimates if is_of_arm(name)] or list(self.estimates)
-        return any(self.estimates[name].value is not None for name in own)
+        names = [name for name in self.estimates if is_of_arm(name)] or list(self.estimates)
+        return any(self.estimates[name].value is not None for name in names)
 
     def with_tensions(self, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
-        """The ``shapes`` it was fitted to, with the tensions that the fit takes them for."""
+        """Return the fitted ``shapes`` with the tensions of the fit."""
         return [
             dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=row))
             for shape, row in zip(shapes, self.tensions, strict=True)
@@ -77,7 +76,7 @@ class Identification:
 def unfitted(
     problem: Problem, loss: str, parameters: Mapping[str, Any], alignment: Alignment
 ) -> Identification:
-    """What is known of a ``problem`` before any fit: its unknowns have no values."""
+    """Return the result of a ``problem`` before any fit, whose unknowns have no values."""
     unknowns = problem.unknowns
     return Identification(
         model=unknowns.model,
@@ -92,10 +91,10 @@ def unfitted(
 
 
 def as_config(fitted: Identification, source: str) -> str:
-    """ROS parameter file of a fitted arm, with how well its material and model are known.
+    """Return the ROS parameter file of a fitted arm, with standard deviations of its material.
 
-    The calibration of load cells is among the parameters, so that who reads the same recording by
-    this file finds the misfit of the fit.
+    The calibration of load cells is among the parameters, so that the same recording read with
+    this file has the misfit of the fit.
 
     Raises:
         ConfigError: if no node could load it.
@@ -109,7 +108,7 @@ def as_config(fitted: Identification, source: str) -> str:
         values['material.poisson_ratio_stddev'] = ratio.stddev
     if fitted.tip_stddev is not None:
         values['model_error_stddev'] = fitted.tip_stddev
-    Config.from_parameters(values)  # It must load where it goes.
+    Config.from_parameters(values)  # a node must be able to load it
     lines = [f'# Fitted to {source} by octo-arm identify.']
     for name, estimate in estimates.items():
         lines.append(f'# {name}: {in_words(estimate)}')
@@ -117,7 +116,7 @@ def as_config(fitted: Identification, source: str) -> str:
 
 
 def in_words(estimate: Estimate) -> str:
-    """An estimate in words."""
+    """Return an ``estimate`` with unit, standard deviation and interval as text."""
     if estimate.value is None:
         return 'not determined'
     text = f'{estimate.value:.6g} {estimate.unit}'
@@ -131,19 +130,19 @@ _STRONG = 0.95  # correlations above this are reported
 
 
 def strong_pairs(correlations: FloatArray, unknowns: Unknowns) -> list[str]:
-    """Pairs of strong correlation, but for those within the alignment, which always correlate."""
+    """Describe strongly correlated pairs, except within the alignment, which always correlates."""
     names = unknowns.names
     return [
-        f'the data hardly tell {names[one]} and {names[other]} apart: their correlation is '
-        f'{correlations[one, other]:+.4f}'
-        for one, other in zip(*np.triu_indices(len(names), 1))
-        if abs(correlations[one, other]) > _STRONG
-        and not {names[one], names[other]} <= set(ALIGNMENT)
+        f'the data hardly tell {names[first]} and {names[second]} apart: their correlation is '
+        f'{correlations[first, second]:+.4f}'
+        for first, second in zip(*np.triu_indices(len(names), 1))
+        if abs(correlations[first, second]) > _STRONG
+        and not {names[first], names[second]} <= set(ALIGNMENT)
     ]
 
 
 def at_ends(unknowns: Unknowns, x: FloatArray) -> list[str]:
-    """Remarks on unknowns at an end of their range."""
+    """Return remarks on unknowns at an end of their range."""
     return [
         f'{unknown.name} is at the end of its range, where its interval is not to be relied on'
         for unknown, at in zip(unknowns.unknowns, x, strict=True)
@@ -151,27 +150,27 @@ def at_ends(unknowns: Unknowns, x: FloatArray) -> list[str]:
     ]
 
 
-# Misfits are near-equal where their mean squares over the loads left out differ by less than so
-# many standard errors, or where one is above the other by less than this part.
+# Misfits are nearly equal if their mean squares over the left-out loads differ by less than this
+# number of standard errors, or if one exceeds the other by less than this part.
 _ERRORS = 2.0
 _NEAR = 0.1
-# Estimates agree where they differ by less than the larger standard deviation or this part.
+# Estimates agree if they differ by less than the larger standard deviation or this part.
 _SAME = 1e-3
 
 
-def rank(one: Identification) -> float:
-    """Misfit [m] at loads left out of the fit; of one load, at the load itself."""
-    misfit = one.cross_validation or one.after
+def rank(fit: Identification) -> float:
+    """Return the misfit [m] at loads left out of the fit, or of a single load the fit's own."""
+    misfit = fit.cross_validation or fit.after
     return math.inf if misfit is None else misfit.rms
 
 
 def best_of(fitted: Sequence[Identification]) -> Identification:
-    """The one that best explains loads it was not fitted to."""
+    """Return the fit that best explains loads it was not fitted to."""
     return min(fitted, key=rank)
 
 
 def _near_best(fitted: Sequence[Identification]) -> list[Identification]:
-    """The best and those with a misfit near it."""
+    """Return the best fit and those with nearly the same misfit."""
     best = best_of(fitted)
     near = []
     for other in fitted:
@@ -185,16 +184,16 @@ def _near_best(fitted: Sequence[Identification]) -> list[Identification]:
 
 
 def envelope_of(fitted: Sequence[Identification], name: str) -> tuple[float, float] | None:
-    """The 95 % intervals of a parameter by all models near the best, as one; None without any."""
+    """Return the union of the 95 % intervals of all models near the best, or None."""
     intervals = [
-        one.estimates[name].interval95 for one in _near_best(fitted) if name in one.estimates
+        fit.estimates[name].interval95 for fit in _near_best(fitted) if name in fit.estimates
     ]
     known = [interval for interval in intervals if interval is not None]
     return (min(low for low, _ in known), max(high for _, high in known)) if known else None
 
 
 def disagreements(fitted: Sequence[Identification]) -> list[str]:
-    """Estimates that differ between the best model and those with a misfit near its, in words."""
+    """Describe estimates that differ between the best model and those with nearly its misfit."""
     best = best_of(fitted)
     notes = []
     for other in _near_best(fitted):

@@ -1,4 +1,4 @@
-"""Parameters of the arm from measured shapes: fits to all steps, and to all but some.
+"""Parameters of the arm from measured shapes: fits to all steps, and without some loads.
 
 Estimates minimise a sum of squares or a robust loss; `uncertainty` has their intervals.
 """
@@ -32,37 +32,37 @@ from octo_arm_model.experiment.steady_windows import (
 from octo_arm_model.experiment.uncertainty import OpenDirection, misfit_of, noise_of
 from octo_arm_model.experiment.unknowns import ALIGNMENT, AXIAL, Readings, Unknowns
 
-# A misfit above so many times that of noise is not explained by noise.
+# Noise does not explain a misfit above this multiple of the noise.
 _BIASED = 2.0
-# A robust loss is taken where its misfit at held-back loads is below this part of the plain one's.
+# The robust loss is chosen if its misfit at left-out loads is below this part of the plain one's.
 _CLEARLY = 0.95
 
 
 class _Fit(NamedTuple):
-    """A fit ``x`` by one ``loss``, with its scale [m]; None of the plain sum of squares."""
+    """A fit ``x`` by one ``loss``, and its scale [m]; None for the plain sum of squares."""
 
     loss: str
     x: FloatArray
     scale: float | None
 
 
-class _HeldBack(NamedTuple):
-    """Fits (folds, n) without some loads, and residuals of each step (m, 3) by that without it.
+class _LeftOut(NamedTuple):
+    """Fits (folds, n) without some loads, and residuals of each step (m, 3) by the one without it.
 
-    Both are empty where none can be left out.
+    Both are empty if no load can be left out.
     """
 
-    found: FloatArray = np.zeros((0, 0))
-    away: tuple[FloatArray, ...] = ()
+    fits: FloatArray = np.zeros((0, 0))
+    residuals: tuple[FloatArray, ...] = ()
 
     @property
     def size(self) -> float:
-        """Mean over the steps of the root mean square distance where they are held back [m].
+        """Mean over the left-out steps of the root mean square distance [m].
 
-        A mean of distances, not of their squares: a midline that was tracked wrongly is equally
-        far from every fit, and its square would outweigh the differences at all others.
+        It is a mean of distances, not of their squares: a wrongly tracked midline is equally far
+        from every fit, and its square would outweigh the differences at all others.
         """
-        return float(np.mean([np.sqrt((part**2).sum(axis=-1).mean()) for part in self.away]))
+        return float(np.mean([np.sqrt((part**2).sum(axis=-1).mean()) for part in self.residuals]))
 
 
 def identify(
@@ -74,22 +74,22 @@ def identify(
     progress: Callable[[int, int], None] = lambda done, total: None,
     loss: str = uncertainty.AUTO,
 ) -> Identification:
-    """Fit ``fits`` of ``model`` to measured ``shapes``.
+    """Fit the parameters ``fits`` of ``model`` to measured ``shapes``.
 
     Args:
-        shapes: one for each steady step.
-        parameters: what is not fitted, and where the fit begins.
+        shapes: a shape for each steady step.
+        parameters: parameters that are not fitted, and initial values of the others.
         model: name of the model.
-        fits: of `unknowns.FITS`.
-        alignment: transform camera to base, or the start of its fit; None for the identity, or,
-            where it is fitted, for a fit of the alignment alone as the start.
+        fits: names of `unknowns.FITS`.
+        alignment: transform camera to base, or the start of its fit; None for the identity or, if
+            the alignment is fitted, for a separate fit of the alignment as the start.
         progress: called with the numbers of fits done and of all fits.
-        loss: of `fit.LOSSES`, or 'auto' for that with the lesser misfit at held-back loads.
+        loss: a loss of `fit.LOSSES`, or 'auto' for the one with less misfit at left-out loads.
 
     Raises:
-        ConfigError: if the model has no derivative by what is to be fitted, or no reading is
-            of it.
-        SolveError: if the model has no answer, or no minimum is found.
+        ConfigError: if the model has no derivative by one of ``fits``, or no reading depends on
+            it.
+        SolveError: if the model has no solution, or no minimum is found.
         MeasurementError: if a midline does not begin near the base.
     """
     readings, losses = Readings.of(shapes), LOSSES if loss == uncertainty.AUTO else (loss,)
@@ -102,8 +102,8 @@ def identify(
 
     def fit_all(problem: Problem) -> list[_Fit] | OpenDirection:
         tried = [_Fit(name, *problem.solve(name)) for name in losses]
-        opened = (uncertainty.open_direction(problem, one.x) for one in tried)
-        return next(filter(None, opened), tried)
+        open_directions = (uncertainty.open_direction(problem, fit.x) for fit in tried)
+        return next(filter(None, open_directions), tried)
 
     nothing, left_out = unfitted(without(()), loss, parameters, start), dict[str, str]()
     while True:
@@ -133,58 +133,58 @@ def _with_intervals(
     tried: Sequence[_Fit],
     progress: Callable[[int, int], None],
 ) -> Identification:
-    """The ``result`` of the best of the fits ``tried``, by the misfit at held-back loads."""
+    """Return the ``result`` of the best of the fits ``tried``, by the misfit at left-out loads."""
     loads = uncertainty.steps_by_load(problem.unknowns.readings.tensions)
-    loose = _needed(problem, tried[0].x, loads)
-    folds = [] if loose else uncertainty.folds_of(loads)
-    total, begun = len(tried) * (len(folds) + 1), itertools.count()
-    steps, held_back = range(len(problem.shapes)), []
-    for one in tried:
-        progress(next(begun), total)
-        found, away = list[FloatArray](), dict[int, FloatArray]()
+    reason = _why_no_intervals(problem, tried[0].x, loads)
+    folds = [] if reason else uncertainty.folds_of(loads)
+    total, counter = len(tried) * (len(folds) + 1), itertools.count()
+    steps, left_out_fits = range(len(problem.shapes)), []
+    for fit in tried:
+        progress(next(counter), total)
+        fits, away = list[FloatArray](), dict[int, FloatArray]()
         for fold in folds:
-            progress(next(begun), total)
+            progress(next(counter), total)
             others = [step for step in steps if step not in fold]
-            found.append(problem.minimise(one.x, one.scale, others))
-            left = problem.residuals(found[-1])
-            away |= {step: left[step] for step in fold}
-        held_back.append(_HeldBack(np.array(found), tuple(away[step] for step in sorted(away))))
+            fits.append(problem.minimise(fit.x, fit.scale, others))
+            residuals = problem.residuals(fits[-1])
+            away |= {step: residuals[step] for step in fold}
+        left_out_fits.append(_LeftOut(np.array(fits), tuple(away[step] for step in sorted(away))))
     best = 0
     if folds and len(tried) > 1:
-        robust = min(range(1, len(tried)), key=lambda number: held_back[number].size)
-        best = robust if held_back[robust].size < _CLEARLY * held_back[0].size else 0
+        robust = min(range(1, len(tried)), key=lambda number: left_out_fits[number].size)
+        best = robust if left_out_fits[robust].size < _CLEARLY * left_out_fits[0].size else 0
     progress(total, total)
-    result = _with_fit(result, problem, tried[best], held_back[best], folds)
-    notes = [*_on_misfit(problem, result), *_on_branches(problem, tried[best].x)]
+    result = _with_fit(result, problem, tried[best], left_out_fits[best], folds)
+    notes = [*_misfit_notes(problem, result), *_branch_notes(problem, tried[best].x)]
     if folds and len(tried) > 1:
-        pairs = zip(held_back, tried, strict=True)
-        words = ', '.join(f'{left.size * 1e3:.4f} mm by {one.loss}' for left, one in pairs)
+        pairs = zip(left_out_fits, tried, strict=True)
+        words = ', '.join(f'{left.size * 1e3:.4f} mm by {fit.loss}' for left, fit in pairs)
         notes.append(f'loss {result.loss}, by the misfit at held-back loads: {words}')
-    notes += _on_unknowns(problem, tried[best].x, result, len(loads))
-    return dataclasses.replace(result, notes=(*notes, *([loose] if loose else [])))
+    notes += _fit_notes(problem, tried[best].x, result, len(loads))
+    return dataclasses.replace(result, notes=(*notes, *([reason] if reason else [])))
 
 
 def _with_fit(
     result: Identification,
     problem: Problem,
     fit: _Fit,
-    held_back: _HeldBack,
+    left_out_fits: _LeftOut,
     folds: Sequence[Sequence[int]],
 ) -> Identification:
-    """The ``result`` with the values of a ``fit`` and their intervals."""
-    x, length, away = fit.x, problem.length, held_back.away
+    """Return the ``result`` with the values of a ``fit`` and their intervals."""
+    x, length, away = fit.x, problem.length, left_out_fits.residuals
     floor = tip_stddev = None
     if folds:
         floor = uncertainty.model_error(problem, x, away)
         square = np.mean([part[-1] @ part[-1] for part in away]) - noise_of(problem.shapes) ** 2
         tip_stddev = float(np.sqrt(max(square, 0.0) / 3.0)) / length
     shift = uncertainty.floor_of(problem, x, floor or 0.0)
-    found = uncertainty.estimates_of(problem, x, held_back.found, folds, shift)
+    estimates = uncertainty.estimates_of(problem, x, left_out_fits.fits, folds, shift)
     tensions = [backbone.tensions.ravel() for backbone in problem.backbones(x)]
     return dataclasses.replace(
         result,
         loss=fit.loss,
-        estimates={**result.estimates, **found},
+        estimates={**result.estimates, **estimates},
         correlations=uncertainty.correlations_of(problem, x),
         after=misfit_of(problem.residuals(x), length),
         cross_validation=misfit_of(away, length) if folds else None,
@@ -200,8 +200,8 @@ def _with_fit(
     )
 
 
-def _needed(problem: Problem, x: FloatArray, loads: list[list[int]]) -> str:
-    """Why there are no intervals: a load that cannot be left out; '' if each can."""
+def _why_no_intervals(problem: Problem, x: FloatArray, loads: list[list[int]]) -> str:
+    """Say why there are no intervals: a load cannot be left out; '' if each can."""
     tensions = problem.unknowns.readings.tensions
     slack = uncertainty.SAME * float(tensions.max(initial=0.0))
     pulled = [load for load in loads if tensions[load[0]].max() > slack]
@@ -221,8 +221,8 @@ def _needed(problem: Problem, x: FloatArray, loads: list[list[int]]) -> str:
     return ''
 
 
-def _on_misfit(problem: Problem, result: Identification) -> list[str]:
-    """Remarks on what noise does not explain."""
+def _misfit_notes(problem: Problem, result: Identification) -> list[str]:
+    """Return remarks on the misfit that noise does not explain."""
     noise, rms = noise_of(problem.shapes), result.after.rms if result.after else 0.0
     notes = []
     if 0.0 < _BIASED * noise < rms:
@@ -240,14 +240,14 @@ def _on_misfit(problem: Problem, result: Identification) -> list[str]:
     return notes
 
 
-def _on_branches(problem: Problem, x: FloatArray) -> list[str]:
-    """Remarks on loading and unloading, where the modulus is fitted."""
+def _branch_notes(problem: Problem, x: FloatArray) -> list[str]:
+    """Return remarks on loading and unloading, if the modulus is fitted."""
     if 'youngs_modulus' not in problem.unknowns.names:
         return []
     shapes, least = problem.shapes, STILL * problem.length
     column = problem.unknowns.names.index('youngs_modulus')
     branches = directions(np.array([shape.window.tensions for shape in shapes]))
-    # Residuals change opposite to the model's tip, which a softer arm moves as tensions do.
+    # A softer arm moves the model's tip as tensions do, and residuals change the other way.
     pairs = zip(problem.residuals(x), problem.camera_jacobian(x), strict=True)
     bends = [part_along(away[-1], by[-1, :, column], least) for away, by in pairs]
     notes = remarks(
@@ -265,8 +265,8 @@ def _on_branches(problem: Problem, x: FloatArray) -> list[str]:
     return notes
 
 
-def _on_unknowns(problem: Problem, x: FloatArray, result: Identification, loads: int) -> list[str]:
-    """Remarks on what is fitted, by steps of so many ``loads``."""
+def _fit_notes(problem: Problem, x: FloatArray, result: Identification, loads: int) -> list[str]:
+    """Return remarks on the fitted unknowns; ``loads`` is the number of different loads."""
     shapes, unknowns = problem.shapes, problem.unknowns
     assert result.after is not None and result.correlations is not None
     notes = [*at_ends(unknowns, x), *strong_pairs(result.correlations, unknowns)]

@@ -1,4 +1,4 @@
-"""Midlines given by points: lengths, points at fractions of the length, distances to the model.
+"""Midlines as sequences of points: lengths, interpolation, and distances to the model.
 
 A segment is the straight line between two neighbouring points. A tip alone is a midline of one
 point.
@@ -15,31 +15,31 @@ from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.stations import interpolated
 
-_REPEATED = 1e-9  # of the length: points nearer together are one
-# The spread of the tip over that of the base is at least this.
+_REPEATED = 1e-9  # distance over the length below which points count as one
+# Smallest ratio of the spread of the tip to that of the base.
 _MOVES = 3.0
 # Fraction of the frames within the spread of an end: the others may be outliers.
 _COUNTED = 0.8
-# Where a midline may begin, in parts of the length of the arm.
+# Range of the start of a midline, in parts of the length of the arm.
 _STARTS = (-0.1, 0.25)
 
 
 def lengths_along(points: FloatArray) -> FloatArray:
-    """Length along ``points`` (..., n, 3) up to each of them [m], (..., n)."""
+    """Return the length along ``points`` (..., n, 3) up to each of them [m], (..., n)."""
     lengths = np.linalg.norm(np.diff(points, axis=-2), axis=-1)
     return np.concatenate([np.zeros((*lengths.shape[:-1], 1)), np.cumsum(lengths, -1)], axis=-1)
 
 
 def without_spikes(points: FloatArray) -> FloatArray:
-    """The ``points`` (n, columns), each number the median of three neighbours; the ends stay."""
+    """Return ``points`` (n, columns) after a median filter of width 3, which keeps the ends."""
     return np.asarray(median_filter(points, (3, 1), mode='nearest'))
 
 
 def resample(points: FloatArray, fraction: FloatArray) -> FloatArray:
-    """Points at each ``fraction`` (m,) of the length along ``points`` (n, 3), (m, 3).
+    """Return the points (m, 3) at each ``fraction`` (m,) of the length along ``points`` (n, 3).
 
-    An outlier would lengthen the curve up to all points after it, so lengths are those without
-    spikes. Akima's interpolation follows bends between few points, and an outlier changes it only
+    Lengths are those without spikes, because an outlier would increase the length up to all later
+    points. Akima's interpolation follows bends between few points, and an outlier changes it only
     nearby.
     """
     length = lengths_along(without_spikes(points))
@@ -56,20 +56,20 @@ class Curve:
     """A curve from base to tip, straight between its points.
 
     Attributes:
-        points: (n, 3) [m].
-        lengths: up to each of them [m], (n,).
+        points: the points (n, 3) [m].
+        lengths: length of the curve up to each point [m], (n,).
     """
 
     def __init__(self, points: FloatArray) -> None:
-        """Of ``points`` (n, 3)."""
+        """Create the curve through ``points`` (n, 3) [m]."""
         self.points, self.lengths = points, lengths_along(points)
         self._chords = np.diff(points, axis=0)
         self._squares = np.maximum((self._chords**2).sum(axis=1), np.finfo(float).tiny)
 
     def along(self, fraction: FloatArray) -> FloatArray:
-        """Points at each ``fraction`` (m,) of the length, (m, 3).
+        """Return the points (m, 3) at each ``fraction`` (m,) of the length.
 
-        Below 0 and above 1 the first and last segments are extended.
+        For fractions below 0 and above 1 the first and last segments are extended.
         """
         at = fraction * self.lengths[-1]
         segment = np.searchsorted(self.lengths[1:-1], at, side='right')
@@ -77,45 +77,45 @@ class Curve:
         return self.points[segment] + part[:, np.newaxis] * self._chords[segment]
 
     def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where on the curve each of ``points`` (m, 3) is nearest to.
+        """Find the point of the curve that is nearest to each of ``points`` (m, 3).
 
         Returns:
             Distance [m] and fraction of the length of the curve [-], each (m,).
         """
         to_point = points[:, np.newaxis] - self.points[:-1]
-        part = np.clip((to_point * self._chords).sum(axis=-1) / self._squares, 0.0, 1.0)
-        away = np.linalg.norm(to_point - part[..., np.newaxis] * self._chords, axis=-1)
-        row, segment = np.arange(len(points)), away.argmin(axis=1)
-        at = self.lengths[segment] + part[row, segment] * np.diff(self.lengths)[segment]
-        return away[row, segment], at / self.lengths[-1]
+        fraction = np.clip((to_point * self._chords).sum(axis=-1) / self._squares, 0.0, 1.0)
+        distance = np.linalg.norm(to_point - fraction[..., np.newaxis] * self._chords, axis=-1)
+        row, segment = np.arange(len(points)), distance.argmin(axis=1)
+        at = self.lengths[segment] + fraction[row, segment] * np.diff(self.lengths)[segment]
+        return distance[row, segment], at / self.lengths[-1]
 
     def fraction_at(self, start: FloatArray, check: bool = False) -> float:
-        """Fraction of the length at which a midline begins whose first point is ``start`` (3,).
+        """Return the fraction of the length where a midline with this first point (3,) begins.
 
-        Negative on the extension before the base: a bound at 0 would turn the noise of the first
+        It may be negative, in front of the base: a bound at 0 would turn the noise of the first
         point into a bias.
 
         Raises:
-            MeasurementError: if it is to ``check`` and not near the base.
+            MeasurementError: if ``check`` is set and the midline does not begin near the base.
         """
         low, high = _STARTS
-        # Only where a midline may begin: a coiled arm may come near its base again.
+        # Only the start of the arm is searched, because a coiled arm may come near its base again.
         ends = self.along(np.array(_STARTS))
         near = (self.lengths > 0.0) & (self.lengths < high * self.lengths[-1])
         beginning = Curve(np.concatenate([ends[:1], self.points[near], ends[1:]]))
-        part = float(beginning.nearest(start[np.newaxis])[1][0])
-        if check and not 1e-9 < part < 1.0 - 1e-9:
+        fraction = float(beginning.nearest(start[np.newaxis])[1][0])
+        if check and not 1e-9 < fraction < 1.0 - 1e-9:
             raise MeasurementError(
                 f'a midline begins outside {low:.0%} to {high:.0%} of the arm, expected near the '
                 'base; is the alignment right?'
             )
-        return low + (high - low) * part
+        return low + (high - low) * fraction
 
     def fractions(self, midline: FloatArray, check: bool = False) -> FloatArray:
-        """Fractions of the length that the points of a ``midline`` (m, 3) are paired with, (m,).
+        """Return the fractions of the length paired with the points of a ``midline`` (m, 3), (m,).
 
         Raises:
-            MeasurementError: as `fraction_at`.
+            MeasurementError: if ``check`` is set and the midline does not begin near the base.
         """
         if len(midline) == 1:
             return np.ones(1)
@@ -125,10 +125,10 @@ class Curve:
 class MidlineErrors(NamedTuple):
     """Distances between a measured and a modelled midline, or between markers and the model.
 
-    Distances are from each measured point to the nearest of the model's curve; Hausdorff's also
-    the other way, from the beginning of the midline on. A tip alone has only ``tip``. Of markers
-    distances are those to the points of the model at their arc coordinates; there is none of
-    Hausdorff, nor of the tip where no marker is there. What is not measured is NaN.
+    Distances are from each measured point to the nearest point of the model's curve; Hausdorff's
+    also the other way, from the start of the midline on. A tip alone has only ``tip``. Distances
+    of markers are those to the points of the model at their arc coordinates; there is no Hausdorff
+    distance, and a tip only if a marker is there. What is not measured is NaN.
 
     Attributes:
         tip: from tip to tip [m].
@@ -144,7 +144,7 @@ class MidlineErrors(NamedTuple):
 
 
 def midline_errors(measured: FloatArray, model: Curve) -> MidlineErrors:
-    """Errors of ``model`` against ``measured`` (m, 3), both from base to tip."""
+    """Return the errors of ``model`` against ``measured`` (m, 3), both from base to tip."""
     tip = float(np.linalg.norm(measured[-1] - model.points[-1]))
     if len(measured) == 1:
         return MidlineErrors(tip)
@@ -159,24 +159,24 @@ def midline_errors(measured: FloatArray, model: Curve) -> MidlineErrors:
 def is_tip_first(midlines: Sequence[FloatArray], base: FloatArray | None) -> tuple[bool, str]:
     """Whether ``midlines`` begin at the tip, and the reason.
 
-    The end that moves less while the tensions change is the base. Where the difference is small,
-    it is the end nearer to ``base``, if that is known in the frame of the midlines.
+    The end that moves less while the tensions change is the base. If the difference is small, it
+    is the end nearer to ``base`` (3,) [m], if that is known in the frame of the midlines.
 
     Raises:
-        MeasurementError: if neither is clear.
+        MeasurementError: if neither criterion is clear.
     """
     ends = [np.array([points[end] for points in midlines]) for end in (0, -1)]
     spread = [_spread(end) for end in ends]
-    first, last = (f'{1e3 * one:.1f} mm' for one in spread)
+    first, last = (f'{1e3 * value:.1f} mm' for value in spread)
     moved = f'the first points spread by {first}, the last by {last}'
     if max(spread) > _MOVES * min(spread):
         return spread[0] > spread[1], moved
     if base is not None:
-        away = [float(np.linalg.norm(np.median(end, axis=0) - base)) for end in ends]
-        if max(away) > _MOVES * min(away):
-            first, last = (f'{1e3 * one:.1f} mm' for one in away)
+        distances = [float(np.linalg.norm(np.median(end, axis=0) - base)) for end in ends]
+        if max(distances) > _MOVES * min(distances):
+            first, last = (f'{1e3 * value:.1f} mm' for value in distances)
             why = f'the first points are {first} from the base, the last {last}'
-            return away[0] > away[1], why
+            return distances[0] > distances[1], why
     raise MeasurementError(
         f'which end of the midlines is the base cannot be told: {moved}; '
         'say --base-end first or last'

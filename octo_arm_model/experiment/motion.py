@@ -1,8 +1,8 @@
 """An arm that moves: its shapes along the tensions, and damping, drag and added mass from them.
 
-Least squares as in `fit`, of the moving model against every frame. **Intervals** come from leaving
-out one of a few stretches of time, one after the other, to first order: errors of neighbouring
-frames may be alike, those of different stretches are taken to be independent.
+The moving model is fitted to every frame by least squares as in `fit`. **Intervals** come from
+leaving out one of a few stretches of time after the other, to first order: errors of neighbouring
+frames may be alike, but those of different stretches are taken to be independent.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -31,19 +31,19 @@ from octo_arm_model.rod.motion import Dynamics
 from octo_arm_model.rod.stations import interpolated
 from octo_arm_model.simulation.moving_arm import DrivenMotion
 
-_SWINGS = 1e-3  # of the length: least distance of a swing from the equilibria
-_STRETCHES = 10  # of time, of at least so many frames
-_FEWEST = 4
-_ALIKE = 0.7  # correlation of neighbouring residuals of a model that is wrong
+_SWINGS = 1e-3  # least distance of a swing from the equilibria, over the length
+_STRETCHES = 10  # largest number of stretches of time
+_FEWEST = 4  # frames of a stretch
+_ALIKE = 0.7  # correlation of neighbouring residuals above which the model is wrong
 
 
 class TensionTrajectory(NamedTuple):
     """Tensions over time, along which an arm moves.
 
     Attributes:
-        time: ascending (n,) [s].
-        tensions: (n, tendons) [N].
-        step: of the integration [s].
+        time: ascending times (n,) [s].
+        tensions: tensions at these times (n, tendons) [N].
+        step: step of the integration [s].
     """
 
     time: FloatArray
@@ -57,10 +57,10 @@ def moving_shapes(
     shapes: Sequence[MeasuredShape],
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[list[Backbone], str]:
-    """The arm along a ``trajectory`` at the time of each of ``shapes``, in order of time.
+    """Solve the motion along a ``trajectory`` up to the time of each of ``shapes``, in order.
 
     Returns:
-        The shapes up to where the motion ends, and why it does; '' where it does not.
+        The shapes until the motion fails, and the reason of the failure; '' if it does not fail.
     """
     motion, by_stamp, reason = DrivenMotion(dynamics, trajectory.step), dict[int, Backbone](), ''
     wanted = [round(1e9 * shape.window.start) for shape in shapes]
@@ -81,17 +81,17 @@ def moving_shapes(
 
 
 class MotionProblem(Problem):
-    """Residuals of an arm that moves along a ``trajectory``, a step being a moment."""
+    """The residuals of an arm that moves along a ``trajectory``; each step is a moment."""
 
     def __init__(
         self, shapes: Sequence[MeasuredShape], unknowns: Unknowns, trajectory: TensionTrajectory
     ) -> None:
-        """Fit ``unknowns`` to ``shapes``."""
+        """Set up the fit of ``unknowns`` to ``shapes`` of the motion along ``trajectory``."""
         super().__init__(shapes, unknowns)
         self._trajectory = trajectory
 
     def solve_steps(self, x: FloatArray) -> SolvedSteps:
-        """See `Problem`."""
+        """Solve the motion, and return its shapes at the times of the measured ones."""
         config = Config.from_parameters(self.unknowns.parameters(x))
         dynamics = config.dynamics(max(config.stations, FINE_STATIONS))
         found, reason = moving_shapes(dynamics, self._trajectory, self.shapes)
@@ -110,13 +110,13 @@ def identify_motion(
     progress: Callable[[int, int], None] = lambda done, total: None,
     loss: str = uncertainty.AUTO,
 ) -> Identification:
-    """Fit ``fits`` to ``shapes`` of an arm that moves along a ``trajectory``.
+    """Fit the parameters ``fits`` to ``shapes`` of an arm that moves along a ``trajectory``.
 
-    What the data leave open, or tell only to more than the `Unknown.scale`, stays as it is.
+    A parameter keeps its value if the data leave it open, or determine it less than its `scale`.
 
     Raises:
-        ConfigError: if one of ``fits`` does not show in this motion.
-        SolveError: if the arm does not swing, or the model has no answer.
+        ConfigError: if this motion does not depend on one of ``fits``.
+        SolveError: if the arm does not swing, or the model has no solution.
     """
     readings, loss = Readings.of(shapes), SOFT_L1 if loss == uncertainty.AUTO else loss
     wet = [name for name in fits if name in OF_WATER]
@@ -140,7 +140,7 @@ def identify_motion(
             f'time, expected {1e3 * least:.2g} mm or more somewhere'
         )
     result = unfitted(problem, loss, parameters, alignment)
-    # Stretches of time, in numbers of frames; none of too few frames.
+    # The folds are stretches of time, as numbers of frames; none has too few frames.
     number = min(_STRETCHES, len(shapes) // _FEWEST)
     frames = np.arange(len(shapes))
     folds = [part.tolist() for part in np.array_split(frames, number)] if number else []
@@ -174,9 +174,9 @@ def identify_motion(
 def _fit(
     problem: MotionProblem, loss: str, folds: Sequence[Sequence[int]]
 ) -> tuple[FloatArray, FloatArray] | uncertainty.OpenDirection:
-    """The fit (n,), and those without each of ``folds`` (folds, n) to first order from it.
+    """Return the fit (n,), and to first order those without each of ``folds`` (folds, n).
 
-    Or what is to be left out, as the motion hardly tells it.
+    Or return the unknown to leave out, if the motion hardly determines it.
     """
     unknowns = problem.unknowns.unknowns
     x, scale = problem.solve(loss)

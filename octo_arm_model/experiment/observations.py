@@ -1,9 +1,9 @@
-"""From a recording to the shapes of its steps: what is held when, and what was seen meanwhile.
+"""From a recording to the measured shapes of its steps of constant tension.
 
-Errors of the model and of a tension are shared by all frames of a step, those of the camera are
-not. So frames are averaged and fits count steps: more frames make a step's midline more accurate,
-but they are no independent observations. Markers are compared as points, never as a curve through
-them; one that a frame does not show is NaN there. Of an arm that moves each frame is a step.
+All frames of a step share the errors of the model and of the tensions, but not those of the
+camera. Frames are therefore averaged and fits count steps: more frames make a step's midline more
+accurate, but they are not independent observations. Markers are compared as points, never as a
+curve through them; a marker that is not visible is NaN. If the arm moves each frame is a step.
 """
 
 import dataclasses
@@ -31,15 +31,15 @@ from octo_arm_model.experiment.steady_windows import (
 )
 from octo_arm_model.rod.stations import interpolated, nearest
 
-POINTS = 101  # of a step's midline
-_FINE = 401  # points by which its length is measured
-# A frame so many times as far from the median shape as the median frame is an outlier.
+POINTS = 101  # points of a step's midline
+_FINE = 401  # points that its length is measured with
+# A frame is an outlier if it is this many times as far from the median as the median frame.
 OUTLYING = 3.0
-FLOOR = 1e-6  # [m]: rounding is no outlier
-# With fewer frames outliers cannot be identified: their median is taken.
+FLOOR = 1e-6  # [m], so that rounding does not make outliers
+# With fewer frames outliers cannot be identified, and the median is used.
 FEW = 5
-_FEW_STEADY = 0.2  # of the time: steps of a staircase take more
-MOST_FRAMES = 5000  # of an arm that moves
+_FEW_STEADY = 0.2  # part of the time that steps of a staircase exceed
+MOST_FRAMES = 5000  # frames of an arm that moves
 STEPS, RAMP, POSES, MOMENTS = 'steady steps', 'windows of a ramp', 'poses', 'moments of a motion'
 _ELSE = (
     'where it changes slowly instead of in steps, say --ramp; where each row is a static pose, '
@@ -52,14 +52,14 @@ class MeasuredShape:
     """Measured shape of one steady step.
 
     Attributes:
-        window: when, and its tensions.
+        window: interval of the step, with its tensions.
         points: mean midline from base to tip in the camera's frame, evenly along its length
             (`POINTS`, 3), or the tip (1, 3) [m].
-        frames: how many frames it is the mean of.
+        frames: number of frames in the mean.
         outliers: number of frames left out.
         noise: root mean square distance of a frame from the mean [m]; 0 for one frame.
-        lines: the midlines of all frames, outliers among them.
-        s: arc coordinate of each of ``points`` where these are markers [m]; None of a midline.
+        lines: the midlines of all frames, including outliers.
+        s: arc coordinates of ``points`` if they are markers [m]; None for a midline.
     """
 
     window: Window
@@ -72,12 +72,12 @@ class MeasuredShape:
 
     @property
     def tension(self) -> float:
-        """Sum of all tensions [N]."""
+        """The sum of all tensions [N]."""
         return float(self.window.tensions.sum())
 
 
 def mean_shape(window: Window, lines: Sequence[FloatArray]) -> MeasuredShape:
-    """Mean of ``lines`` (n, 3), from base to tip; those of one point are tips."""
+    """Return the mean of ``lines`` (n, 3), from base to tip; lines of one point are tips."""
     is_tip = len(lines[0]) == 1
     fraction = np.linspace(0.0, 1.0, POINTS)
     stack = np.array([line if is_tip else resample(line, fraction) for line in lines])
@@ -89,7 +89,7 @@ def mean_shape(window: Window, lines: Sequence[FloatArray]) -> MeasuredShape:
         kept = away <= OUTLYING * np.median(away) + FLOOR
         middle = stack[kept].mean(axis=0)
     if not is_tip:
-        # Spaced anew: noise lengthens frames, most where points are dense, the mean hardly.
+        # Points are spaced again: noise lengthens frames where points are dense, not the mean.
         fine = resample(middle, np.linspace(0.0, 1.0, _FINE))
         middle = resample(fine, fraction)
     noise = float(np.sqrt((_frame_distances(stack[kept], middle) ** 2).mean()))
@@ -98,28 +98,28 @@ def mean_shape(window: Window, lines: Sequence[FloatArray]) -> MeasuredShape:
 
 
 def _frame_distances(stack: FloatArray, middle: FloatArray) -> FloatArray:
-    """Root mean square distance of each midline of a stack (frames, n, 3) from one."""
+    """Return the root mean square distance of each midline (frames, n, 3) from ``middle``."""
     return np.sqrt(((stack - middle) ** 2).sum(axis=-1).mean(axis=-1))
 
 
 def _mean_markers(
     window: Window, frames: Sequence[FloatArray], s: FloatArray
 ) -> MeasuredShape | None:
-    """Mean of ``frames`` (markers, 3) of markers at ``s``; None where none is seen.
+    """Return the mean of ``frames`` (markers, 3) of markers at ``s``; None if none is visible.
 
-    A marker farther from its median place than three times its median distance from it, and three
-    times that of all markers, is an outlier of its frame, and left out there.
+    A marker is an outlier in a frame, and left out there, if its distance from its median position
+    is over three times its own median distance and that of all markers.
     """
     stack = np.array(frames)
     with warnings.catch_warnings():
-        # Of markers that no frame shows the mean is NaN.
+        # The mean of a marker that no frame shows is NaN.
         warnings.simplefilter('ignore', RuntimeWarning)
         median = np.nanmedian(stack, axis=0)
         away = np.linalg.norm(stack - median, axis=-1)
         seen = np.isfinite(away)
         if not seen.any():
             return None
-        # The tip moves more than the base; a base that does not move at all has rounding alone.
+        # The tip moves more than the base; the distances of a base at rest are only rounding.
         usual = np.maximum(np.nanmedian(away, axis=0), np.median(away[seen]))
         outlying = seen & (away > OUTLYING * usual + FLOOR)
         enough = seen.sum(axis=0) >= FEW
@@ -142,17 +142,17 @@ def _mean_markers(
 
 @dataclass(frozen=True)
 class Pairing:
-    """How frames are paired with tensions.
+    """Rules that pair frames with tensions.
 
     Attributes:
-        steady: what counts as steady.
-        tolerance: how far stamps may be off: a frame has a sample of tensions within this time,
-            and lies at least that far inside its window [s].
-        offset: added to the stamps of frames [s]; None to find it from the motion.
+        steady: rule for steady tensions.
+        tolerance: tolerance of stamps: a frame needs a sample of tensions within this time, and
+            lies at least that far inside its window [s].
+        offset: offset added to the stamps of frames [s]; None to find it from the motion.
         base_end: 'first' or 'last' point of the midlines; None for the one that moves less.
-        kind: what is recorded: `STEPS`, a `RAMP` of tensions that change slowly, see
-            `ramp_windows`, a table of `POSES`, see `pose_windows`, or `MOMENTS` of a motion.
-        ramp_width: of the windows of a ramp [N]; None for the default.
+        kind: kind of the recording: `STEPS`, a `RAMP` of slowly changing tensions, a table of
+            `POSES`, or `MOMENTS` of a motion.
+        ramp_width: width of the windows of a ramp [N]; None for the default.
     """
 
     steady: SteadyRule = field(default_factory=SteadyRule)
@@ -168,8 +168,8 @@ class Observations:
     """The shapes of a recording.
 
     Attributes:
-        shapes: one for each steady step with frames.
-        offset: added to the stamps of frames [s].
+        shapes: a shape for each steady step with frames.
+        offset: offset added to the stamps of frames [s].
         notes: the decisions made, in words.
     """
 
@@ -181,12 +181,12 @@ class Observations:
 def observe(
     recording: Recording, pairing: Pairing = Pairing(), known: Alignment | None = None
 ) -> Observations:
-    """Shapes of the steps of ``recording``; ``known`` is the alignment, where it is.
+    """Return the shapes of the steps of ``recording``; ``known`` is the alignment, if known.
 
     Raises:
-        ConfigError: if there is no alignment of an arm that moves: it is fitted to equilibria.
-        MeasurementError: if neither end of the midlines is clearly the base; of an arm that moves
-            also if there are too many frames, or no load cells.
+        ConfigError: if the arm moves and the alignment is not known: it is fitted to equilibria.
+        MeasurementError: if neither end of the midlines is clearly the base, or if the arm moves
+            and there are too many frames, or no load cells.
         SolveError: if there is no step with a frame.
     """
     notes = list(recording.notes)
@@ -248,7 +248,7 @@ def observe(
 
 
 def _windows(recording: Recording, pairing: Pairing, what: str) -> list[Window]:
-    """The windows of what is held; none of a motion, which has one for each frame.
+    """Return the windows of a recording; none for a motion, which has one for each frame.
 
     SolveError if nothing is steady.
     """
@@ -273,7 +273,7 @@ def _windows(recording: Recording, pairing: Pairing, what: str) -> list[Window]:
 def _shapes(
     paired: Sequence[tuple[Window, Sequence[FloatArray]]], marker_s: FloatArray | None
 ) -> tuple[list[MeasuredShape], int]:
-    """The mean shape of each window where anything is seen, and of how many frames these are."""
+    """Return the mean shape of each window with visible points, and the number of used frames."""
     shapes, used = [], 0
     for window, shown in paired:
         shape = (
@@ -288,7 +288,7 @@ def _shapes(
 
 
 def _check_moving(recording: Recording, known: Alignment | None) -> None:
-    """Check a recording of an arm that moves; ConfigError or MeasurementError if it is none."""
+    """Check the recording of an arm that moves; ConfigError or MeasurementError if unsuitable."""
     if known is None:
         raise ConfigError(
             "the alignment of an arm that moves is not fitted: --align is expected to be 'none' "
@@ -309,7 +309,7 @@ def base_first(
     known: Alignment | None,
     notes: list[str],
 ) -> Sequence[FloatArray]:
-    """Midlines from base to tip."""
+    """Return the midlines of a ``recording`` from base to tip, and add the reason to ``notes``."""
     if recording.is_tips or recording.marker_s is not None:
         return recording.frames
     tip_first, why = pairing.base_end == 'last', 'by --base-end'
@@ -327,7 +327,7 @@ def camera_offset(
     frames: Sequence[FloatArray],
     notes: list[str],
 ) -> float:
-    """Offset of the camera's clock, given or estimated."""
+    """Return the offset of the camera's clock [s], given or estimated; ``notes`` say which."""
     if pairing.offset is not None:
         return pairing.offset
     why = None
@@ -353,7 +353,7 @@ def camera_offset(
 
 
 def _read_in(window: Window, times: FloatArray | None, recording: Recording) -> Window:
-    """The ``window`` with encoder readings, and means at the ``times`` of frames [s], if any."""
+    """Return the ``window`` with encoder readings, as means at the ``times`` of frames [s]."""
     if times is None:
         return with_displacements(window, recording)
     if not recording.is_driven:
@@ -370,7 +370,7 @@ def _read_in(window: Window, times: FloatArray | None, recording: Recording) -> 
 
 
 def _unseen(recording: Recording) -> list[str]:
-    """How often each marker was not seen, where one was not."""
+    """Return a sentence for each marker that some frames do not show."""
     if recording.marker_s is None:
         return []
     missing = np.isnan(np.array(recording.frames)).any(axis=2).sum(axis=0)

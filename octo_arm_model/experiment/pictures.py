@@ -1,4 +1,4 @@
-"""Pictures of comparisons, fits and estimates, without a display. Needs matplotlib."""
+"""Pictures of comparisons, fits and estimates, drawn by matplotlib without a display."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def save_all(
     pictures: Mapping[str, Callable[[], Any]], folder: Path, progress: Callable[[int, int], None]
 ) -> None:
-    """Draw ``pictures`` that each make a figure; write them to ``folder`` by name.
+    """Call ``pictures``, each of which makes a figure, and write them to ``folder`` by name.
 
     ``progress`` is called with the numbers of pictures done and of all.
 
@@ -57,24 +57,24 @@ def save(figure: Any, path: Path) -> None:
 
 
 def tension_colours(shapes: Sequence[MeasuredShape]) -> Any:
-    """Colours of steps by the sum of their tensions, from zero to the largest of ``shapes``."""
+    """Return the colours of steps by the sum of tensions, from zero to that of ``shapes``."""
     highest = max(shape.tension for shape in shapes)
     return ScalarMappable(Normalize(0.0, max(highest, 1e-9)), 'viridis')
 
 
 _MEASURED = '0.15'
 _FRAME_COLOUR = '0.78'
-# Of the length: arms farther out of the main plane have a second view.
+# An arm farther out of the main plane than this part of the length has a second view.
 _FLAT = 0.05
 _MOST_FRAMES = 30
-_MOMENTS = 12  # of a motion in one picture
+_MOMENTS = 12  # moments of a motion in one picture
 _MARKERS = {LOADING: ('^', True, 'loading'), UNLOADING: ('v', False, 'unloading')}
 
 
 def pictures_of_comparison(comparisons: Sequence[ModelComparison]) -> dict[str, Callable[[], Any]]:
-    """Functions that draw the pictures of ``comparisons``, by name; see `save_all`.
+    """Return functions that draw the pictures of ``comparisons``, by name, for `save_all`.
 
-    Of a motion there are few shapes in one picture, and the tip over time.
+    A motion has one picture with a few shapes, and one of the tip over time.
     """
     views, moving = _Views(comparisons), comparisons[0]
     if moving.moves:
@@ -100,12 +100,12 @@ class _Views:
     """Orthographic views of all steps, to one scale: from the side, and from above if not flat."""
 
     def __init__(self, comparisons: Sequence[ModelComparison]) -> None:
-        """Of all points of solutions and measurements."""
+        """Choose views that show all points of solutions and measurements."""
         steps = [step for one in comparisons for step in one.steps]
         parts = [part for step in steps for part in (step.measured, step.backbone.position)]
         self._origin = steps[0].backbone.position[0]
         away = np.concatenate(parts) - self._origin
-        # The base's tangent, and the principal direction of bending, upwards as in the paper.
+        # Axes are the base's tangent and the main direction of bending, upwards as in the paper.
         tangent = axes_of(steps[0].backbone.quaternion[0])[:, 0]
         across = away - np.outer(away @ tangent, tangent)
         first = np.linalg.svd(across, full_matrices=False)[2][0]
@@ -118,13 +118,13 @@ class _Views:
         self._ends = np.stack([shown.min(axis=0) - margin, shown.max(axis=0) + margin], axis=1)
 
     def flat(self, points: FloatArray, view: int) -> FloatArray:
-        """Points (n, 3) [m] as seen in a ``view`` [mm], (2, n)."""
+        """Project ``points`` (n, 3) [m] to a ``view``, (2, n) [mm]."""
         return 1e3 * self._axes[[0, view + 1]] @ (points - self._origin).T
 
     def panels(self, columns: int, width: float) -> tuple[Any, Any]:
-        """A figure of equal axes: a row for each view, ``columns`` of a ``width`` [in]."""
+        """Return a figure with equal axes: a row for each view, ``columns`` of ``width`` [in]."""
         size = np.ptp(self._ends, axis=1)
-        # What labels and margins leave of the width, and their height.
+        # Labels and margins take a part of the width, and have a height.
         inside = width - 0.15 - 0.65 / columns
         height = inside * float(size[1:].sum() / size[0]) + 1.0 + 0.15 * len(size)
         figure = Figure(figsize=(width * columns, height), layout='compressed')
@@ -141,7 +141,7 @@ class _Views:
 
 
 def _draw_step(shown: Sequence[tuple[ModelComparison, StepComparison]], views: _Views) -> Any:
-    """Measured and modelled midlines of one step: a column for each model, a row for each view."""
+    """Draw the midlines of one step: a column for each model, a row for each view."""
     figure, panels = views.panels(len(shown), 7.0 if len(shown) == 1 else 5.2)
     shape = shown[0][1].shape
     left_out = f', {shape.outliers} left out' if shape.outliers else ''
@@ -166,14 +166,14 @@ def _draw_view(
     step: StepComparison,
     flat: Callable[[FloatArray], FloatArray],
 ) -> None:
-    """One model and the measurement, as ``flat`` shows their points."""
+    """Draw one model and the measurement; ``flat`` projects their points."""
     lines, s = step.shape.lines, step.shape.s
     for line in lines[:: max(1, len(lines) // _MOST_FRAMES)]:
         style = '.' if len(line) == 1 or s is not None else '-'
         shown = flat(comparison.alignment.to_base(line))
         panel.plot(*shown, style, color=_FRAME_COLOUR, linewidth=0.6, zorder=1)
     position, colour = step.backbone.position, LINES[comparison.model]['color']
-    # Between what is compared: the tips, or markers and the points of the model there.
+    # Dotted lines connect the tips, or the markers and the points of the model there.
     there = position[-1:] if s is None else interpolated(s, step.backbone.s, position)
     seen = step.measured[-1:] if s is None else step.measured
     for pair in zip(flat(there).T, flat(seen).T, strict=True):
@@ -186,7 +186,7 @@ def _draw_view(
 
 
 def _draw_all(comparisons: Sequence[ModelComparison], views: _Views) -> Any:
-    """Measured midlines over the model's in the arm's own frame: a column for each model."""
+    """Draw all measured and modelled midlines: a column for each model, a row for each view."""
     figure, panels = views.panels(len(comparisons), 5.2)
     colours = tension_colours([step.shape for one in comparisons for step in one.steps])
     for column, comparison in enumerate(comparisons):
@@ -205,7 +205,7 @@ def _draw_all(comparisons: Sequence[ModelComparison], views: _Views) -> Any:
 
 
 def _draw_tip(moving: ModelComparison) -> Any:
-    """The tip as measured and of the model over time, and the distance between them."""
+    """Draw the measured and the modelled tip over time, and the distance between them."""
     figure = Figure(figsize=(9.0, 6.4), layout='constrained')
     tips, errors = figure.subplots(2, 1, sharex=True)
     steps = [step for step in moving.steps if np.isfinite(step.errors.tip)]
@@ -225,7 +225,7 @@ def _draw_tip(moving: ModelComparison) -> Any:
 
 
 def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
-    """Errors of each step over its tensions: signed, in order of time, and unsigned."""
+    """Draw the errors of the steps over their tensions: signed, in order of time, and unsigned."""
     figure = Figure(figsize=(11.4, 4.8), layout='constrained')
     signed, plain = figure.subplots(1, 2)
     for comparison in comparisons:
@@ -265,14 +265,14 @@ def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
 
 
 def _branches(branches: Any, tension: FloatArray) -> Iterator[Any]:
-    """Numbers of the steps of each direction, by tension; those at rest are of loading."""
+    """Yield the indices of the steps of each direction, by tension; rest counts as loading."""
     branches = np.where(branches == REST, LOADING, branches)
     for branch in dict.fromkeys(branches):
         at = np.flatnonzero(branches == branch)
         yield at[np.argsort(tension[at], kind='stable')]
 
 
-_FEW = 2  # points: tips have no residuals along the arm
+_FEW = 2  # points of a shape that has no residuals along the arm, such as a tip
 
 
 def pictures_of_fit(
@@ -280,9 +280,9 @@ def pictures_of_fit(
     shapes: Sequence[MeasuredShape],
     trajectory: TensionTrajectory | None = None,
 ) -> dict[str, Callable[[], Any]]:
-    """Functions that draw the pictures of the ``fitted`` models, by name; see `save_all`."""
+    """Return functions that draw the pictures of the ``fitted`` models, by name."""
     pictures: dict[str, Callable[[], Any]] = {}
-    # Units of the parameters with a value by any model, without poses and zeros.
+    # Units of the parameters that any model has a value for, without poses and zeros.
     units = {
         name: estimate.unit
         for one in fitted
@@ -304,7 +304,7 @@ def pictures_of_fit(
 
 
 def _draw_intervals(fitted: Sequence[Identification], units: Mapping[str, str]) -> Any:
-    """A panel for each parameter: estimates of all models with their intervals."""
+    """Draw a panel for each parameter: estimates of all models with their intervals."""
     size = 1.6 + 4.6 * len(units), 1.7 + 0.6 * len(fitted)
     figure = Figure(figsize=size, layout='constrained')
     panels = figure.subplots(1, len(units), squeeze=False, sharey=True)[0]
@@ -335,7 +335,7 @@ def _draw_intervals(fitted: Sequence[Identification], units: Mapping[str, str]) 
 
 
 def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]) -> Any:
-    """A column for each model, a row for each axis of the base: residuals over s by tension."""
+    """Draw residuals over s by tension: a column for each model, a row for each base axis."""
     figure = Figure(figsize=(4.4 * len(fitted) + 1.0, 6.6), layout='constrained')
     panels = figure.subplots(3, len(fitted), squeeze=False, sharex=True, sharey=True)
     colours = tension_colours(shapes)
@@ -361,13 +361,13 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
 
 _BAND = 1.96  # standard deviations on either side that hold 95 %
 _COLOURS = ('tab:red', 'tab:green', 'tab:blue')
-_MOST = 4000  # times drawn
+_MOST = 4000  # number of times drawn
 
 
 def draw_estimate(
     moments: Sequence[Moment], touches: Sequence[Touch], camera: CameraErrors | None
 ) -> Any:
-    """Force of the contact and position of the tip, and errors against a ``camera``, if any."""
+    """Draw contact force and tip position over time, and errors against a ``camera``, if any."""
     moments = moments[:: max(1, len(moments) // _MOST)]
     time = np.array([one.time for one in moments])
     has_force = any(np.isfinite(one.wrench[0]) for one in moments)
@@ -403,7 +403,7 @@ def draw_estimate(
 
 
 def _draw_bands(panel: Any, time: Any, values: Any, stddev: Any) -> None:
-    """Three components with their bands."""
+    """Draw three components with their 95 % bands."""
     for axis, colour, value, width in zip('xyz', _COLOURS, values.T, _BAND * stddev.T):
         panel.plot(time, value, color=colour, linewidth=1.0, label=axis)
         panel.fill_between(time, value - width, value + width, color=colour, alpha=0.2, lw=0)

@@ -43,25 +43,25 @@ def read_recording(  # noqa: PLR0913 - options of a command
 ) -> Recording:
     """Read the bag at ``path``, or CSV files, or tensions from one and midlines from the other.
 
-    Where there are no tensions, there have to be encoder readings.
+    Encoder readings are needed if there are no tensions.
 
     Args:
-        path: the bag; None where all is in files.
+        path: the bag; None if everything is in files.
         config: parameter file or preset of the arm; None for the arm_description in the bag.
-        tensions: topic of the tensions, or TOPIC:FIELD; None for the only one there is.
-        measured: what was measured; of no topics the only one that the model itself does not
-            publish.
-        files: CSV files in place of topics.
-        calibration: parameters of load cells and encoders in place of the arm's.
+        tensions: topic of the tensions, or TOPIC:FIELD; None for the only such topic.
+        measured: sources of the measured points; without topics, the only topic of points that the
+            model does not publish itself.
+        files: CSV files that replace topics.
+        calibration: parameters of load cells and encoders that replace those of the arm.
         displacements: topic of the encoder readings, or TOPIC:FIELD; None for
             tendon_displacements, if there.
-        progress: called with the numbers of messages read and of all known of.
+        progress: called with the numbers of messages read and of all known so far.
 
     Raises:
         BagError: if the bag cannot be read or a topic is missing.
-        ConfigError: if there is no arm, or it cannot be.
-        MeasurementError: if no message holds a midline in metres, a file cannot be read, or
-            something is to come from two places.
+        ConfigError: if there is no arm, or it is impossible.
+        MeasurementError: if no message holds a midline in metres, a file cannot be read, or a
+            quantity has two sources.
     """
     given = None if config is None else load_parameters(config)
     _check_sources(path, tensions, displacements, measured, files)
@@ -69,7 +69,7 @@ def read_recording(  # noqa: PLR0913 - options of a command
         if given is None:
             raise ConfigError('no arm: without a bag it has to be given by --config')
         return _gather(None, given, measured, files, calibration)
-    # They need rosbags.
+    # These imports need rosbags.
     from octo_arm_model.bags.reader import BagReader
     from octo_arm_model.experiment.bag_recording import BagRecording
 
@@ -86,7 +86,7 @@ def _check_sources(
     measured: MarkerSources,
     files: CsvSources,
 ) -> None:
-    """Check that each thing comes from one place; MeasurementError if not."""
+    """Check that each quantity has one source; MeasurementError if it has two."""
     has_all = bool(files.tensions and files.midlines)
     is_table = path is not None and Path(path).suffix == '.csv'
     is_driven = files.displacements and files.midlines
@@ -120,12 +120,12 @@ def _gather(
     files: CsvSources,
     calibration: Mapping[str, Any],
 ) -> Recording:
-    """Readings and frames, each from a file or from the ``bag``."""
+    """Read tensions, encoder readings and frames, each from a file or from the ``bag``."""
     refusals, notes = Refusals(), [] if bag is None else bag.notes
     parameters = {**parameters, **calibration}
     config = Config.from_parameters(parameters)
     points = MeasuredPoints(measured, config.arm.length)
-    # Before anything is read: the topics of what was measured may not be there.
+    # Topics are chosen before anything is read, because those of measured points may be missing.
     topics = None
     if bag is not None and files.midlines is None:
         topics = bag.measured(measured, points, config.base_frame)
@@ -133,7 +133,7 @@ def _gather(
     tensions = encoders = None
     if files.tensions is not None:
         table = files.read('tension', files.tensions, tables)
-        # Of a table of poses encoder readings where it has no tensions.
+        # A table of poses without tensions has encoder readings.
         if files.is_poses and not has_tensions(table, config):
             encoders = csv_displacements(table, config, refusals)
         else:

@@ -1,4 +1,4 @@
-"""What was recorded, checked as it comes: tensions or encoder readings, and measured points.
+"""A recording of tensions or encoder readings and measured points, and the checks of them.
 
 Points are midlines, tips, or markers at known arc coordinates.
 """
@@ -17,23 +17,23 @@ from octo_arm_model.wire.messages import Refusals
 
 MOST_MARKERS = 1000
 LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
-# A midline is taken to be in metres if its extent is so many times the length of the arm.
+# Range of the extent of a midline in metres, over the length of the arm.
 _LENGTHS = (0.02, 2.0)
-_OF_TIPS = 4.0  # so many times the length tips and markers may be apart, in all of a recording
+_OF_TIPS = 4.0  # largest distance of tips and markers in a recording, over the length of the arm
 
 
 @dataclass(frozen=True)
 class MarkerSources:
-    """Sources and unit of measured points, and the markers that they are.
+    """Sources and unit of measured points, and the markers among them.
 
     Attributes:
-        sources: topics, or TOPIC:FIELD, or none for the only one there is; several are of one
-            marker each, or, with ``marker_frames``, of TF, by default all of that type.
-        marker_s: arc coordinate of each marker, increasing [m]; none for midlines and tips.
+        sources: topics, or TOPIC:FIELD; empty for the only such topic. Several topics have one
+            marker each or, with ``marker_frames``, transforms of TF, by default all of that type.
+        marker_s: arc coordinate of each marker, increasing [m]; empty for midlines and tips.
         marker_frames: names of the frames of the markers in TF, in the order of ``marker_s``.
-        unit: of all lengths, of `LENGTH_UNITS`.
-        marker_names: names of the markers among those of a message or a table, or their numbers
-            from 0 on in a message, in the order of ``marker_s``; none for all as they are.
+        unit: unit of all lengths, of `LENGTH_UNITS`.
+        marker_names: names of the markers in a message or a table, or their numbers from 0 on in a
+            message, in the order of ``marker_s``; empty for all markers in their order.
     """
 
     sources: tuple[str, ...] = ()
@@ -64,15 +64,15 @@ class MarkerSources:
 
 
 class MeasuredPoints:
-    """Checks points as they come, of whatever source.
+    """Checks measured points of any source.
 
     Attributes:
-        frame_id: frame of the first ones; None before.
-        marker_s: arc coordinates of the markers [m]; None of midlines and tips.
+        frame_id: frame of the first points; None before.
+        marker_s: arc coordinates of the markers [m]; None for midlines and tips.
     """
 
     def __init__(self, measured: MarkerSources, length: float) -> None:
-        """Check points of an arm of ``length`` [m].
+        """Check points that ``measured`` describes, of an arm of ``length`` [m].
 
         Raises:
             MeasurementError: if arc coordinates of markers are not increasing, or not on the arm.
@@ -83,14 +83,14 @@ class MeasuredPoints:
         self._unit, self._factor = measured.unit, LENGTH_UNITS[measured.unit]
 
     def check_frame(self, frame_id: str) -> None:
-        """Have all points be in one frame; MeasurementError if they are not."""
+        """Check that ``frame_id`` is that of earlier points; MeasurementError if it is not."""
         if self.frame_id is None:
             self.frame_id = frame_id
         elif frame_id != self.frame_id:
             raise MeasurementError(f'its frame is {frame_id!r}, expected {self.frame_id!r}')
 
     def check(self, points: FloatArray, is_midline: bool) -> FloatArray:
-        """The ``points`` (m, 3), given in the unit, in metres.
+        """Check ``points`` (m, 3) in the unit of the source, and return them in metres.
 
         Raises:
             MeasurementError: if they cannot be points of this arm.
@@ -107,7 +107,7 @@ class MeasuredPoints:
             )
         points = self._factor * points
         if is_midline:
-            # The diagonal of the bounding box, to which noise adds little.
+            # Noise hardly changes the diagonal of the bounding box.
             size = float(np.linalg.norm(np.ptp(points, axis=0)))
             low, high = (factor * self._length for factor in _LENGTHS)
             self._check_size(size, low, high, f'it extends over {size:.4g} m')
@@ -129,10 +129,10 @@ class MeasuredPoints:
         return np.where(seen[:, np.newaxis], self._factor * points, np.nan)
 
     def check_together(self, frames: Sequence[FloatArray]) -> None:
-        """Check how far apart tips or markers are in all ``frames``, each (m, 3) [m].
+        """Check the distances of tips or markers in all ``frames``, each (m, 3) [m].
 
         Raises:
-            MeasurementError: if no arm of this length reaches so far, or has markers so near.
+            MeasurementError: if they are too far apart, or too near, for an arm of this length.
         """
         points = np.concatenate(frames)
         size = float(np.linalg.norm(np.nanmax(points, axis=0) - np.nanmin(points, axis=0)))
@@ -154,7 +154,7 @@ class MeasuredPoints:
 
 
 def check_marker_s(s: Sequence[float], length: float) -> FloatArray:
-    """Arc coordinates of markers on an arm of ``length`` [m].
+    """Check the arc coordinates ``s`` of markers on an arm of ``length`` [m], and return them.
 
     Raises:
         MeasurementError: if one is not on the arm, they are not increasing, or too many.
@@ -175,11 +175,11 @@ def check_marker_s(s: Sequence[float], length: float) -> FloatArray:
 
 
 class Count:
-    """Counts work done, and the work that is known of so far.
+    """Counts the work done, and all the work known so far.
 
     Attributes:
-        done: so much.
-        total: of so much.
+        done: amount of work done.
+        total: amount of all known work.
     """
 
     def __init__(self, report: Callable[[int, int], None] = lambda done, total: None) -> None:
@@ -187,12 +187,12 @@ class Count:
         self._report, self.done, self.total = report, 0, 0
 
     def expect(self, more: int) -> None:
-        """Know of ``more``."""
+        """Add ``more`` work to do."""
         self.total += more
         self._report(self.done, self.total)
 
     def add(self, some: int = 1) -> None:
-        """Have done ``some`` more."""
+        """Count ``some`` work as done."""
         self.done += some
         self._report(self.done, self.total)
 
@@ -202,16 +202,16 @@ class Recording:
     """Tensions, encoder readings and measured midlines with their stamps, in order of time.
 
     Attributes:
-        parameters: those of the arm, see `Config.from_parameters`.
-        tension_time: stamp of each set of tensions [s], (n,), from the first of those or of the
+        parameters: parameters of the arm, as for `Config.from_parameters`.
+        tension_time: stamp of each set of tensions (n,) [s], from the first of those or of the
             encoder readings on.
-        tensions: (n, tendons) [N]; none where there were no load cells.
+        tensions: tensions (n, tendons) [N]; empty without load cells.
         frame_time: stamp of each midline, on the same scale, (f,) [s].
-        frames: midlines as they were measured, each (m, 3) [m]; tips are (1, 3). Of markers all
-            have one point for each of ``marker_s``, NaN where it was not seen.
-        frame_id: frame they are in.
+        frames: measured midlines, each (m, 3) [m]; tips are (1, 3). Frames of markers have a point
+            for each of ``marker_s``, NaN for one that is not visible.
+        frame_id: frame of the measured points.
         notes: remarks.
-        marker_s: arc coordinate of each marker [m]; None of midlines and tips.
+        marker_s: arc coordinate of each marker [m]; None for midlines and tips.
         refusals: counts of the messages left out, by topic and reason.
         displacement_time: stamp of each set of encoder readings, on the scale of tensions, (e,)
             [s].
@@ -233,14 +233,14 @@ class Recording:
 
     @property
     def is_driven(self) -> bool:
-        """Whether tensions are not known but by the lengths that winches reeled in."""
+        """Whether tensions are only known from the lengths that winches reeled in."""
         return not len(self.tensions)
 
     @property
     def held(self) -> tuple[FloatArray, FloatArray]:
-        """Stamps (n,) [s] and values (n, tendons) of what is held in steps.
+        """The stamps (n,) [s] and values (n, tendons) of the quantity that changes in steps.
 
-        Tensions [N], or, where there are none, lengths reeled in [m], NaN of those not read then.
+        It is the tension [N] or, without load cells, the length reeled in [m], NaN if not read.
         """
         if not self.is_driven:
             return self.tension_time, self.tensions
@@ -248,7 +248,7 @@ class Recording:
 
     @property
     def is_tips(self) -> bool:
-        """Whether tips were measured and no midlines."""
+        """Whether tips were measured instead of midlines."""
         return self.marker_s is None and all(len(points) == 1 for points in self.frames)
 
 
@@ -257,9 +257,9 @@ class StampedRows(NamedTuple):
 
     Attributes:
         source: topic or file.
-        stamps: [ns].
-        rows: of each tendon (tendons,) [N] or [m]; or points (m, 3) [m], NaN for markers that were
-            not seen.
+        stamps: stamps [ns].
+        rows: values by tendon (tendons,) [N] or [m], or points (m, 3) [m], NaN for markers that
+            are not visible.
     """
 
     source: str
@@ -267,7 +267,7 @@ class StampedRows(NamedTuple):
     rows: list[FloatArray]
 
     def in_order(self, origin: int, notes: list[str]) -> tuple[FloatArray, list[FloatArray]]:
-        """Stamps in order, from ``origin`` on (n,) [s], and rows; a note where they were not."""
+        """Return ascending stamps from ``origin`` on (n,) [s], and rows; note if they were not."""
         given = np.array(self.stamps, dtype=np.int64)
         if back := int((np.diff(given) < 0).sum()):
             notes.append(
@@ -287,9 +287,9 @@ def assemble(
     refusals: Refusals,
     notes: list[str],
 ) -> Recording:
-    """A recording of ``tensions``, ``encoders``, one of which there is, and ``frames``.
+    """Return a recording of ``tensions`` or ``encoders``, or both, and ``frames``.
 
-    These were checked by ``points``.
+    ``points`` has checked the frames.
 
     Raises:
         MeasurementError: if there are no frames, or they are not of this arm.

@@ -41,18 +41,18 @@ _TIMES = 3.0  # standard deviations that the largest change of a tension may be
 
 @dataclass(frozen=True)
 class Sources:
-    """Where everything is taken from.
+    """The topics and parameters of a recording.
 
     Attributes:
-        tensions: topic, see `find_sensors`.
-        others: topics by their row of `MEASUREMENT_TOPICS`.
+        tensions: topic of the tensions, as for `find_sensors`.
+        others: topics of other measurements, by their names in `MEASUREMENT_TOPICS`.
         midlines: topic of the camera; None for the usual one.
-        parameters: of the arm, and perhaps of its estimator; None for the bag's description.
-        values: parameters in place of these.
-        calibration: parameters of load cells and encoders in place of the arm's.
-        alignment: pose of frames that are not base_frame; None where it is not known.
-        clock_offset: to add to the stamps of the camera [s]; None to find it.
-        marker_names: of the markers, see `find_sensors`.
+        parameters: parameters of the arm and the estimator; None for the bag's description.
+        values: parameters that replace those.
+        calibration: parameters of load cells and encoders that replace those of the arm.
+        alignment: pose of frames other than base_frame; None if it is not known.
+        clock_offset: offset added to the stamps of the camera [s]; None to find it.
+        marker_names: names of the markers, as for `find_sensors`.
     """
 
     tensions: str | None = None
@@ -68,20 +68,20 @@ class Sources:
 
 @dataclass(frozen=True)
 class SensorRecording:
-    """A recording, ready for an estimator.
+    """The input of an estimator from a recording.
 
     Attributes:
-        parameters: of the arm.
-        config: the same.
+        parameters: parameters of the arm.
+        config: the configuration that they describe.
         sensors: topics that are read.
-        settings: of the estimator.
-        models: of its hypotheses.
-        groups: what was measured, by its stamps.
+        settings: settings of the estimator.
+        models: models of its hypotheses.
+        groups: measurements, grouped by their stamps.
         origin_ns: stamp that times count from [ns].
-        camera: what the estimates are compared with; None for nothing.
-        camera_topic: where that is from.
-        refusals: messages left out.
-        notes: on what was decided.
+        camera: comparison of the estimates with a camera, or None.
+        camera_topic: topic of the camera, or None.
+        refusals: counts of the messages left out.
+        notes: decisions made, in words.
     """
 
     parameters: Mapping[str, Any]
@@ -102,7 +102,7 @@ def read_sensor_recording(
     sources: Sources,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> SensorRecording:
-    """Read a bag.
+    """Read the measurements in a bag, and prepare the estimator and the comparison with a camera.
 
     Raises:
         BagError: if a topic is missing or nothing is measured, or the bag is damaged.
@@ -172,11 +172,11 @@ def read_sensor_recording(
 
 
 def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatistics:
-    """Noise and rate of ``tensions`` (n, tendons) [N] at ``time`` (n,) [s], as received.
+    """Return noise and rate of ``tensions`` (n, tendons) [N] at ``time`` (n,) [s], as received.
 
-    The rate is that of which the largest change from one reading to the next is three standard
-    deviations; each reading is the median of three, so that one wrong reading is no change.
-    Readings of nearly the same stamp count as the usual time apart.
+    At this rate the largest change between readings is three standard deviations. Each reading is
+    replaced by the median of three, so that a single wrong reading has no effect. Readings with
+    nearly the same stamp count as the usual time apart.
     """
     if len(time) < 3:
         return TensionStatistics(0.0, 0.0)
@@ -201,9 +201,9 @@ def _camera(
     refusals: Refusals,
     notes: list[str],
 ) -> CameraCheck:
-    """Midlines or tips on a ``topic``, to compare estimates and the shapes by tensions with.
+    """Return the comparison of estimates with midlines or tips on a ``topic``.
 
-    The tensions are ``stamped``. ``refusals`` count messages left out; ``notes`` get decisions.
+    ``stamped`` has the tensions, ``refusals`` count messages left out, ``notes`` get decisions.
     MeasurementError if there is nothing to compare, or neither end is clearly the base.
     """
     measured = MarkerSources((topic,))

@@ -1,8 +1,8 @@
 """Steady windows: intervals of constant tensions, in which the arm has come to rest.
 
-From which side they were reached, by loading or unloading, belongs to them. Where there are no
-load cells, lengths that winches have reeled in [m] take the place of tensions. What was not read
-at the time of a row is NaN: encoders may publish in messages of their own.
+They also have the side from which they were reached, by loading or unloading. Without load cells,
+lengths that winches have reeled in [m] replace tensions. A reading that a row does not have is
+NaN, because each encoder may publish its own messages.
 """
 
 import dataclasses
@@ -19,36 +19,36 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.rod.displacements import Wound, solve_displacements
 
-# The default tolerance: this part of the highest tension, or so many times the noise.
+# The default tolerance is this part of the highest tension, or this multiple of the noise.
 _PART = 0.02
 _TIMES_NOISE = 4.0
-# Of normal noise the standard deviation is so many times the median of the absolute values.
+# Standard deviation of normal noise over the median of its absolute values.
 MAD = 1.4826
-# Of noise: least parts of readings that are another than before and of these changes that turn
-# back, and its largest part of the highest reading.
+# Changes count as noise if at least the part _MOVED of readings differs from the previous one, at
+# least _TURNED of these changes reverse, and noise is below _LARGEST of the highest reading.
 _MOVED, _TURNED, _LARGEST = 0.05, 0.5, 0.05
-_ROUNDING = 1e-12  # of the largest reading
+_ROUNDING = 1e-12  # over the largest reading
 _FIRST_BLOCK = 64
-_RAMP_PART = 0.05  # of the highest tension
-MOST_WINDOWS = 1000  # of a ramp, and poses of a table
-_APART = 0.49  # of the time between two poses: how far their windows reach
+_RAMP_PART = 0.05  # default width of the windows of a ramp, over the highest tension
+MOST_WINDOWS = 1000  # windows of a ramp, and poses of a table
+_APART = 0.49  # largest reach of the window of a pose, over the time to the next pose
 
 
 @dataclass(frozen=True)
 class SteadyRule:
-    """Rule by which tensions are steady.
+    """Rule for steady tensions.
 
-    While no tension leaves a band of twice the ``tolerance`` and no gap between samples is longer
-    than ``duration`` it is one window. Neighbours whose means agree within the tolerance are one,
-    if less than ``duration`` lies between. A window begins and ends within half the tolerance of
-    its median, which excludes the ramps before and after it, and must last ``duration``; its first
-    ``settle`` seconds do not count either: the arm is still coming to rest.
+    A window lasts while no tension leaves a band of twice the ``tolerance`` and no gap between
+    samples is longer than ``duration``. Neighbours whose means agree within the tolerance are
+    joined if less than ``duration`` is between them. A window begins and ends within half the
+    tolerance of its median, which excludes ramps, and must last ``duration``; its first ``settle``
+    seconds do not count, because the arm is still coming to rest.
 
     Attributes:
-        tolerance: [N]; None for the larger of 2 percent of the highest tension and four times the
-            noise, which is taken from the differences of neighbouring samples.
-        duration: [s].
-        settle: [s].
+        tolerance: tolerance [N]; None for the larger of 2 percent of the highest tension and four
+            times the noise, which is estimated from differences of neighbouring samples.
+        duration: least duration of a window [s].
+        settle: time until the arm is at rest [s].
 
     Raises:
         ArmDefinitionError: if a value is impossible.
@@ -66,7 +66,7 @@ class SteadyRule:
         not_negative('--settle: settling time', self.settle, 'time', 's')
 
     def tolerance_for(self, tensions: FloatArray) -> float:
-        """Tolerance for a recording of ``tensions`` (n, tendons) [N]."""
+        """Return the tolerance [N] for a recording of ``tensions`` (n, tendons) [N]."""
         if self.tolerance is not None:
             return self.tolerance
         noise = _TIMES_NOISE * reading_noise(tensions)
@@ -74,23 +74,22 @@ class SteadyRule:
 
 
 def reading_noise(tensions: FloatArray) -> float:
-    """Standard deviation of a reading of ``tensions`` (n, tendons), the largest of them [N].
+    """Return the largest standard deviation of a reading of ``tensions`` (n, tendons) [N].
 
-    From the differences of neighbouring readings, each of which has the noise of both. Noise
-    changes readings often and to and fro: one of twenty readings at least is another than the one
-    before, and half of these changes are followed by one of the other sign (of white noise two of
-    three are). Equal readings tell nothing: they are those of a slack tendon, which stay at zero,
-    or repeated until the next one of the cell. Noise is little: at most a twentieth of the
-    highest reading of all tendons. What changes otherwise is the tension itself, and the noise is
-    0. Of a load cell that reads in steps it is of the size of a step where readings change as
-    often as that.
+    It is estimated from the differences of neighbouring readings, which have the noise of both.
+    Noise changes readings often and in both directions: at least one of twenty readings differs
+    from the previous one, and half of these changes are followed by one of the other sign (two of
+    three for white noise). Equal readings are ignored: they come from a slack tendon, or are
+    repeated until the next reading of the cell. Noise is at most a twentieth of the highest
+    reading of all tendons. Otherwise the tension itself changes, and the noise is 0. The noise of
+    a load cell with coarse steps has the size of a step if its readings change that often.
     """
     columns = [column[np.isfinite(column)] for column in tensions.T]
     most = _LARGEST * max((float(np.abs(one).max(initial=0.0)) for one in columns), default=0.0)
     largest = 0.0
     for readings in columns:
         steps = np.diff(readings)
-        # Up to the rounding of whoever calculated or scaled them they are equal.
+        # Readings that differ only by rounding count as equal.
         is_other = np.abs(steps) > _ROUNDING * np.abs(readings).max(initial=0.0)
         turned = np.diff(np.signbit(steps[is_other]))
         if turned.size and is_other.mean() >= _MOVED and turned.mean() >= _TURNED:
@@ -100,7 +99,7 @@ def reading_noise(tensions: FloatArray) -> float:
 
 
 def held_readings(rows: FloatArray) -> FloatArray:
-    """``rows`` (n, tendons) with the last reading in place of NaN, before the first that one.
+    """Return ``rows`` (n, tendons) with each NaN replaced by the last, or else first, reading.
 
     A column without any reading is zero.
     """
@@ -118,12 +117,12 @@ class Window:
     """An interval of a recording with steady tensions, without its settling time.
 
     Attributes:
-        start: when it begins [s].
-        stop: when it ends [s].
-        tensions: mean of each (tendons,) [N].
-        noise: standard deviation of each (tendons,) [N].
-        displacements: mean of what each encoder reads (tendons,) [m], NaN where it reads nothing;
-            None without encoders.
+        start: time of its start [s].
+        stop: time of its end [s].
+        tensions: mean of each tension (tendons,) [N].
+        noise: standard deviation of each tension (tendons,) [N].
+        displacements: mean reading of each encoder (tendons,) [m], NaN without a reading; None
+            without encoders.
         is_driven: whether tensions were not read, but follow from ``displacements``.
     """
 
@@ -136,10 +135,10 @@ class Window:
 
 
 def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> list[Window]:
-    """Steady windows of ``tensions`` (n, tendons) [N] at ascending ``time`` (n,) [s].
+    """Return the steady windows of ``tensions`` (n, tendons) [N] at ascending ``time`` (n,) [s].
 
-    There are none where the usual change from one row to the next is more than a window may have:
-    two rows that agree then do so by chance, and nothing was held.
+    There are none if the usual change from one row to the next exceeds the band of a window: rows
+    that agree then do so by chance, and nothing was steady.
     """
     if not len(time):
         return []
@@ -154,7 +153,7 @@ def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> 
     while first < len(time):
         stop = _end_of_band(time, tensions, first, band, gap)
         if time[stop - 1] - time[first] >= rule.duration:
-            # Two windows are one step where a glitch separates them.
+            # Two windows that only a glitch separates are one step.
             is_one = False
             if ranges and time[first] - time[ranges[-1][1] - 1] < rule.duration:
                 before = tensions[slice(*ranges[-1])].mean(axis=0)
@@ -167,11 +166,11 @@ def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> 
 
 
 def ramp_windows(time: FloatArray, tensions: FloatArray, width: float | None) -> list[Window]:
-    """Windows of ``tensions`` (n, tendons) [N] that change slowly, each within a band of tension.
+    """Return windows of slowly changing ``tensions`` (n, tendons) [N], each within a band.
 
-    For quasi-static recordings: the arm is taken to be in equilibrium all the time. A window
-    begins where the one before ends, as some tension has left its band of ``width`` [N], by
-    default a twentieth of the highest tension, or eight times the noise.
+    This is for quasi-static recordings, in which the arm is always in equilibrium. A window ends,
+    and the next begins, when a tension leaves its band of ``width`` [N], by default a twentieth of
+    the highest tension, or eight times the noise.
 
     Raises:
         ArmDefinitionError: if the width is not > 0.
@@ -200,7 +199,7 @@ def ramp_windows(time: FloatArray, tensions: FloatArray, width: float | None) ->
 
 
 def pose_windows(time: FloatArray, tensions: FloatArray, tolerance: float) -> list[Window]:
-    """Windows of a table of static poses, whose ``tensions`` (n, tendons) [N] are one a row.
+    """Return the windows of a table of static poses with ``tensions`` (n, tendons) [N].
 
     Each reaches ``tolerance`` [s] to both sides of its stamp, or nearly halfway to the next pose.
 
@@ -225,7 +224,7 @@ def pose_windows(time: FloatArray, tensions: FloatArray, tolerance: float) -> li
 def _window(
     time: FloatArray, tensions: FloatArray, samples: tuple[int, int], band: float, rule: SteadyRule
 ) -> Window | None:
-    """Window of the range ``samples``, without the ramps at its ends; None if it is too short."""
+    """Return the window of the range ``samples`` without ramps at its ends; None if too short."""
     inside = np.arange(*samples)
     away = np.abs(tensions[inside] - np.median(tensions[inside], axis=0)).max(axis=1)
     near = inside[away <= 0.25 * band]
@@ -233,7 +232,7 @@ def _window(
         kept = slice(near[0] - samples[0], near[-1] + 1 - samples[0])
         inside, away = inside[kept], away[kept]
     settled = time[inside] >= time[inside[0]] + rule.settle
-    # Without the glitch between two windows that were joined.
+    # A glitch between two joined windows is left out.
     taken = inside[settled & (away <= band)]
     if time[inside[-1]] - time[inside[0]] < rule.duration or not taken.size:
         return None
@@ -242,14 +241,14 @@ def _window(
 
 
 def _longest_gap(time: FloatArray, least: float) -> float:
-    """Longest time between samples of one window: five times the usual one, or ``least`` [s]."""
+    """Return the longest gap within a window: five times the usual one, or ``least`` [s]."""
     return max(least, 5.0 * float(np.median(np.diff(time)))) if len(time) > 1 else least
 
 
 def _end_of_band(
     time: FloatArray, tensions: FloatArray, first: int, band: float, gap: float
 ) -> int:
-    """First sample after ``first`` that is not within a band with all those before it."""
+    """Return the first sample after ``first`` that is not within a band with those between."""
     low = high = tensions[first]
     done, block = first + 1, _FIRST_BLOCK
     while done < len(time):
@@ -267,9 +266,9 @@ def _end_of_band(
 
 
 def with_displacements(window: Window, recording: Recording) -> Window:
-    """The ``window`` with the mean reading of each encoder meanwhile, NaN where there is none.
+    """Return the ``window`` with the mean reading of each encoder in it, NaN if there is none.
 
-    Without load cells an encoder that reads nothing meanwhile holds what it read last.
+    Without load cells, an encoder without a reading in the window keeps its last one.
     """
     time, read = recording.displacement_time, recording.displacements
     if recording.is_driven:
@@ -284,12 +283,12 @@ def with_displacements(window: Window, recording: Recording) -> Window:
 
 
 def by_length(windows: Sequence[Window], config: Config) -> list[Window]:
-    """Windows of held lengths, with the tensions that these have on the arm of ``config``.
+    """Return windows of constant lengths with their tensions on the arm of ``config``.
 
     Args:
-        windows: with ``displacements``; their tensions do not count.
-        config: of the arm as it is known so far. A tendon without an encoder is slack, and those
-            with friction slide from window to window, to the first from slack.
+        windows: windows with ``displacements``; their tensions are not used.
+        config: the arm as known so far. A tendon without an encoder is slack, and one with
+            friction slides from window to window, and to the first from slack.
 
     Raises:
         SolveError: if lengths of a window cannot be held.
@@ -315,7 +314,7 @@ def by_length(windows: Sequence[Window], config: Config) -> list[Window]:
 
 
 def lengths_of(names: Sequence[str], displacements: FloatArray) -> dict[str, float]:
-    """Lengths reeled in [m] by name of the tendons that have an encoder."""
+    """Return the lengths reeled in [m] by name, for tendons with an encoder reading."""
     return {
         name: float(length)
         for name, length in zip(names, displacements, strict=True)
@@ -326,16 +325,16 @@ def lengths_of(names: Sequence[str], displacements: FloatArray) -> dict[str, flo
 LOADING, UNLOADING, MIXED, REST = 'loading', 'unloading', 'mixed', 'rest'
 # Changes below this part of the highest tension do not count.
 _CHANGE = 0.02
-# A tip that moves by less than this part of the length per relative change of E is at rest.
+# A tip is at rest if it moves by less than this part of the length per relative change of E.
 STILL = 0.01
 
 
 def directions(tensions: FloatArray) -> list[str]:
-    """Direction of each step of ``tensions`` (steps, tendons) [N], in order of time.
+    """Return the direction of each step of ``tensions`` (steps, tendons) [N], in order of time.
 
-    'loading' where tensions have only risen since the step before, or since rest for the first,
-    'unloading' where they have only fallen, 'mixed' where some rose and others fell; after a step
-    of the same tensions that of this step, 'rest' before any is pulled.
+    It is 'loading' if tensions have only risen since the previous step, or since rest, 'unloading'
+    if they have only fallen, and 'mixed' if some rose and others fell. A step with the same
+    tensions has the direction of the previous one, or 'rest' if there is none.
     """
     band = _CHANGE * float(tensions.max(initial=0.0))
     found: list[str] = []
@@ -357,16 +356,16 @@ def remarks(
     noise: float,
     length: float,
 ) -> list[str]:
-    """Remarks on friction: by how much errors differ between loading and unloading.
+    """Return remarks on friction: the difference of errors between loading and unloading.
 
-    There are none where these share no tensions, or differ by no more than three times the noise.
+    There are none if these share no tensions, or differ by at most three times the noise.
 
     Args:
-        tension: of each step [N].
-        error: signed error of each step [m]; NaN for one that has none.
-        direction: of each step, of `directions`.
+        tension: tension of each step [N].
+        error: signed error of each step [m]; NaN if it has none.
+        direction: direction of each step, of `directions`.
         noise: standard deviation of an error by the noise of the camera [m].
-        length: of the arm [m].
+        length: length of the arm [m].
     """
     if UNLOADING not in direction:
         return [
@@ -385,7 +384,7 @@ def remarks(
         return []
     each = np.interp(at[shared], rising, off[up][order]) - off[shared]
     apart = float(each.mean())
-    # Friction grows with tension, so that differences scatter beyond the noise.
+    # Friction grows with tension, so that differences scatter more than the noise.
     scatter = each.std(ddof=1) if len(each) > 1 else 0.0
     if abs(apart) <= max(3.0 * np.sqrt(2.0) * noise, 2.0 * scatter) / np.sqrt(len(each)):
         return []
@@ -399,6 +398,6 @@ def remarks(
 
 
 def part_along(away: FloatArray, move: FloatArray, least: float) -> float:
-    """Part of ``away`` (3,) along ``move`` (3,) [m]; NaN where the move is below ``least``."""
+    """Return the component of ``away`` (3,) along ``move`` (3,) [m]; NaN if that is too short."""
     size = float(np.linalg.norm(move))
     return float(away @ move) / size if size > least else float('nan')

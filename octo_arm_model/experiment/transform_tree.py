@@ -1,4 +1,4 @@
-"""Frames of TF: rigid transforms from child to parent in time, and where a frame is in another.
+"""Frames of TF: rigid transforms from child to parent over time, and poses from them.
 
 Between two stamps of a transform its translation is interpolated linearly and its rotation along
 the shortest arc, as tf2 does; before the first and after the last it is unknown. Static transforms
@@ -20,7 +20,7 @@ from octo_arm_model.arm.limits import MAX_NAME
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.rod.stations import interpolated
 
-_NUMBERS = 7  # of a transform: translation [m], quaternion x, y, z, w
+_NUMBERS = 7  # numbers of a transform: translation [m], quaternion x, y, z, w
 # tf2 refuses quaternions whose norm differs by more; as float32 they differ by less.
 _UNIT = 1e-3
 
@@ -36,23 +36,23 @@ class _Link:
     is_ascending: bool = True  # each stamp after the one before
 
     def add(self, stamp_ns: int, numbers: Iterable[float]) -> None:
-        """Add a transform behind the others."""
+        """Append a transform."""
         self.is_ascending &= not self.stamps or stamp_ns > self.stamps[-1]
         self.stamps.append(stamp_ns)
         self.numbers.extend(numbers)
 
     def clear(self) -> None:
-        """Forget all."""
+        """Remove all transforms."""
         del self.stamps[:], self.numbers[:]
         self.is_ascending = True
 
     def table(self) -> tuple[IntArray, FloatArray]:
-        """Ascending stamps (n,) [ns], each once, and their numbers (n, 7)."""
+        """Return ascending unique stamps (n,) [ns], and their numbers (n, 7)."""
         self._sort()
         return np.array(self.stamps, np.int64), np.array(self.numbers).reshape(-1, _NUMBERS)
 
     def forget(self, history_ns: int) -> None:
-        """Forget transforms over ``history_ns`` [ns] before the newest, see `TransformTree`."""
+        """Remove transforms over ``history_ns`` [ns] older than the newest."""
         stamp, numbers = self.stamps[-1], self.numbers[-_NUMBERS:]
         self._sort()
         if stamp < self.stamps[-1] - history_ns:
@@ -62,7 +62,7 @@ class _Link:
         del self.stamps[:gone], self.numbers[: gone * _NUMBERS]
 
     def _sort(self) -> None:
-        """Sort by stamps, of which each is kept once."""
+        """Sort by stamps, and keep each stamp once."""
         if self.is_ascending:
             return
         stamps, order = np.unique(np.array(self.stamps, np.int64), return_index=True)
@@ -76,7 +76,7 @@ class TransformTree:
     """The transforms of a recording."""
 
     def __init__(self) -> None:
-        """Without any."""
+        """Create a tree without transforms."""
         self._links: dict[str, _Link] = {}
 
     def add(
@@ -106,12 +106,12 @@ class TransformTree:
         link.add(stamp_ns, (*translation, *quaternion))
 
     def connects(self, one: str, other: str) -> bool:
-        """Whether transforms lead from one frame to the other."""
+        """Whether transforms connect the frames ``one`` and ``other``."""
         known = {*self._links, *(link.parent for link in self._links.values())}
         return {one, other} <= known and self.chain(one)[-1] == self.chain(other)[-1]
 
     def chain(self, frame: str) -> list[str]:
-        """``frame``, its parent, and so on up to the root.
+        """Return ``frame``, its parent, and so on up to the root.
 
         Raises:
             MeasurementError: if there is no such frame, or its parents form a cycle.
@@ -130,10 +130,10 @@ class TransformTree:
     def origins(
         self, frame: str, target: str, skip: Callable[[str], None]
     ) -> tuple[IntArray, FloatArray]:
-        """When and where the origin of ``frame`` is in ``target``: stamps (n,) [ns], (n, 3) [m].
+        """Return stamps (n,) [ns] and positions (n, 3) [m] of ``frame`` in ``target``.
 
-        Stamps are those of the transform nearest to the frame that is not static. ``skip`` is
-        called with the reason wherever the place is not known.
+        Stamps are those of the first transform from the frame that is not static. ``skip`` is
+        called with the reason for each stamp without a known position.
 
         Raises:
             MeasurementError: if nothing connects the two, or all transforms between are static.
@@ -159,11 +159,11 @@ class TransformTree:
         return stamps[known], points[known]
 
     def pose(self, frame: str, target: str, stamp_ns: int) -> Pose:
-        """Pose of ``frame`` in ``target`` at ``stamp_ns`` [ns].
+        """Return the pose of ``frame`` in ``target`` at ``stamp_ns`` [ns].
 
         Raises:
             MeasurementError: if nothing connects the two, or a transform between is not known.
-            ConfigError: if it is farther away than a `Pose` may be.
+            ConfigError: if the position is beyond the bounds of a `Pose`.
         """
 
         def refuse(reason: str) -> None:
@@ -186,7 +186,7 @@ class TransformTree:
         return Pose((x, y, z), (qx, qy, qz, qw), names)
 
     def known_until(self, frame: str, target: str) -> float:
-        """Stamp [ns] after which the pose of ``frame`` in ``target`` is not known; inf for none.
+        """Return the last stamp [ns] with a known pose of ``frame`` in ``target``; inf if static.
 
         Raises:
             MeasurementError: if nothing connects the two.
@@ -195,10 +195,10 @@ class TransformTree:
         return min((max(link.stamps) for link in links if not link.is_static), default=math.inf)
 
     def forget(self, history_ns: int) -> None:
-        """Forget what is over ``history_ns`` [ns] older than the newest of the same transform.
+        """Remove stamps over ``history_ns`` [ns] older than the newest of the same transform.
 
-        Where the one that was added last is that old itself, all others are forgotten: their clock
-        has begun anew, as that of a bag that is played again, or one stamp was far ahead.
+        If the stamp added last is itself that old, all others are removed: the clock was reset, as
+        when a bag is played again, or one stamp was far ahead.
         """
         for link in self._links.values():
             if not link.is_static:
@@ -206,11 +206,11 @@ class TransformTree:
 
     @property
     def frames(self) -> Collection[str]:
-        """Frames that have a parent."""
+        """The frames that have a parent."""
         return self._links.keys()
 
     def _path(self, frame: str, target: str) -> list[tuple[str, bool]]:
-        """Transforms from ``frame`` to ``target``: child, and whether to its parent.
+        """Return the transforms from ``frame`` to ``target``: child, and whether to its parent.
 
         MeasurementError if nothing connects the two.
         """
@@ -218,7 +218,7 @@ class TransformTree:
         if up[-1] != down[-1]:
             raise MeasurementError(f'no transforms connect {frame!r} and {target!r}')
         while len(up) > 1 and len(down) > 1 and up[-2] == down[-2]:
-            # What is above the common ancestor moves both alike.
+            # Transforms above the common ancestor move both frames alike.
             del up[-1], down[-1]
         return [*((child, True) for child in up[:-1]), *((child, False) for child in down[-2::-1])]
 
@@ -230,7 +230,7 @@ class TransformTree:
         skip: Callable[[str], None],
         needs_turn: bool,
     ) -> tuple[FloatArray, Rotation | None]:
-        """Translation and rotation of a transform at ``stamps``; updates which are ``known``."""
+        """Return translation and rotation of a transform at ``stamps``, and update ``known``."""
         link = self._links[child]
         times, numbers = link.table()
         name = f'the transform from {child!r} to {link.parent!r}'
@@ -254,7 +254,7 @@ class TransformTree:
         for stamp in stamps[outside].tolist():
             skip(f'{name} is not known at {1e-9 * stamp:.3f} s')
         at = np.clip(stamps, times[0], times[-1])
-        # A pose at one time needs the two transforms about it, and not those of the whole history.
+        # Only the transforms around the stamps are needed, not the whole history.
         first, after = np.searchsorted(times, (at.min(), at.max()), side='right')
         near = slice(max(first - 1, 0), after + 1)
         times, numbers = times[near], numbers[near]

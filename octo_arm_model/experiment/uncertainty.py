@@ -4,16 +4,15 @@
 jackknife, which is the cluster-robust variance CV3 of econometrics (MacKinnon, Nielsen and Webb
 2023), with Student's t. Its degrees of freedom are one less than the effective number of loads
 (Carter, Schnepel and Steigerwald 2017): loads with little influence on a parameter hardly count.
-Nothing is assumed of the errors within a load: they are correlated along a midline, and those of a
-tension or of the model are shared by all frames and repeats, so formulas that count points, frames
-or steps give too narrow intervals. Loads are assumed to be independent.
+Errors within a load may have any correlation: they are correlated along a midline, and those of a
+tension or of the model are shared by all frames and repeats, so that formulas that count points,
+frames or steps give too narrow intervals. Loads are assumed to be independent.
 
-**Model error.** What is wrong at all loads alike the jackknife cannot see. At each held-back load
-the residuals have a part that a change of material or tensions at this load alone would explain,
-and a rest that none explains. The rest, less the noise of the camera, is of the model. An error of
-the model of the same size may as well lie along what the parameters change, the same at all loads:
-that shifts the estimates, and no measurement at these loads shows it. `floor_of` bounds this
-shift, which is added in quadrature.
+**Model error.** The jackknife does not see an error that is the same at all loads. At each load
+left out, a change of material or tensions at this load alone explains a part of the residuals. The
+rest, without the noise of the camera, is an error of the model. An error of the same size may also
+lie in the directions of the parameters, the same at all loads: it shifts the estimates, and no
+measurement at these loads shows it. `floor_of` bounds this shift, which is added in quadrature.
 
 **Correlations** are those of the parameters in the sum of squares itself; repeating the experiment
 does not lower them.
@@ -36,14 +35,14 @@ P = TypeVar('P', bound=Problem)
 T = TypeVar('T')
 
 AUTO = 'auto'
-SAME = 0.02  # loads are one if no tension differs by more than this part of the highest
-MOST_FOLDS = 20  # fits at most: of more loads several are left out together
+SAME = 0.02  # steps have the same load if no tension differs by more than this of the highest
+MOST_FOLDS = 20  # largest number of folds: if there are more loads, several are left out together
 _CONFIDENCE = 0.95
 # Singular values of the Jacobian below this part of the largest count as zero.
 _SINGULAR = 1e-4
-# Without effect: a change of an unknown by its `scale` moves no point by this part of the length.
+# An unknown has no effect if its `scale` moves no point by this part of the length.
 _NO_EFFECT = 1e-6
-# An unknown takes part in a direction with at least this share of that which moves most.
+# An unknown belongs to a direction if it has at least this part of the largest share.
 _PART = 0.1
 
 
@@ -65,11 +64,11 @@ class Estimate:
     """Estimate of one parameter.
 
     Attributes:
-        value: in ``unit``; None where the data do not determine it.
-        stddev: its standard deviation; None where there is no other step to confirm it.
-        interval95: its 95 % confidence interval; None likewise.
-        unit: of all of these.
-        model_stddev: the part of ``stddev`` that is the error of the model; None likewise.
+        value: value in ``unit``; None if the data do not determine it.
+        stddev: standard deviation; None if no other step confirms the value.
+        interval95: 95 % confidence interval; None if no other step confirms the value.
+        unit: unit of all numbers.
+        model_stddev: part of ``stddev`` due to the error of the model; None as ``stddev``.
     """
 
     value: float | None
@@ -80,19 +79,19 @@ class Estimate:
 
 
 def misfit_of(away: Sequence[FloatArray], length: float) -> Misfit:
-    """Misfit of steps with residuals ``away`` (m, 3) [m] of an arm of ``length`` [m]."""
+    """Return the misfit of residuals ``away`` (m, 3) [m] of an arm of ``length`` [m]."""
     squares = np.mean([(part**2).sum(axis=-1).mean() for part in away])
     tip = np.mean([np.linalg.norm(part[-1]) for part in away])
     return Misfit(float(np.sqrt(squares)), float(tip) / length)
 
 
 def noise_of(shapes: Sequence[MeasuredShape]) -> float:
-    """Root mean square distance of the mean midlines from the truth by the camera's noise [m]."""
+    """Return the root mean square error of the mean midlines by the camera's noise [m]."""
     return float(np.sqrt(np.mean([shape.noise**2 / shape.frames for shape in shapes])))
 
 
 def steps_by_load(tensions: FloatArray) -> list[list[int]]:
-    """Numbers of the steps, from 0, of each load among ``tensions`` (steps, tendons) [N]."""
+    """Return the indices of the steps of each load among ``tensions`` (steps, tendons) [N]."""
     band = SAME * float(tensions.max(initial=0.0))
     loads: list[list[int]] = []
     for step, pulled in enumerate(tensions):
@@ -106,16 +105,16 @@ def steps_by_load(tensions: FloatArray) -> list[list[int]]:
 
 
 def folds_of(loads: list[list[int]]) -> list[list[int]]:
-    """Steps to be left out together: those of one load, of several where there are many."""
+    """Return the steps to leave out together: those of one load, or of several if many."""
     number = min(len(loads), MOST_FOLDS)
     return [sorted(itertools.chain.from_iterable(loads[first::number])) for first in range(number)]
 
 
 def model_error(problem: Problem, x: FloatArray, away: Sequence[FloatArray]) -> float:
-    """Distance at held-back loads that neither noise nor a change at single steps explains [m].
+    """Return the distance at left-out loads that noise and changes at single steps leave [m].
 
-    Of the residuals ``away`` of each step (m, 3) [m]; what may change from step to step is all of
-    the fit ``x`` that is of the arm.
+    ``away`` has the residuals of each step (m, 3) [m]; a change at a single step is one of those
+    components of ``x`` that belong to the arm.
     """
     columns = [n for n, name in enumerate(problem.unknowns.names) if is_of_arm(name)]
     squares = []
@@ -128,9 +127,9 @@ def model_error(problem: Problem, x: FloatArray, away: Sequence[FloatArray]) -> 
 
 
 def floor_of(problem: Problem, x: FloatArray, size: float) -> FloatArray:
-    """Shift of each of ``x``, (n,), by a model error of root mean square ``size`` [m] along it.
+    """Return the shift of each of ``x``, (n,), by a model error of root mean square ``size`` [m].
 
-    The error is of what the camera sees, the last residuals of each step.
+    The error is in the residuals of the camera, the last ones of each step.
     """
     jacobian = problem.jacobian(x)
     parts = zip(jacobian, problem.shapes, strict=True)
@@ -148,11 +147,11 @@ def estimates_of(
     folds: Sequence[Sequence[int]],
     floor: FloatArray,
 ) -> dict[str, Estimate]:
-    """Estimates ``x`` with intervals.
+    """Return the estimates ``x`` with their intervals.
 
-    From the fits ``found`` (folds, n) without the steps of each of ``folds``, and the standard
-    deviation ``floor`` (n,) that the error of the model leaves. Without two folds at least there
-    are no intervals.
+    The intervals come from the fits ``found`` (folds, n) without the steps of each of ``folds``,
+    and the standard deviation ``floor`` (n,) due to the error of the model. With fewer than two
+    folds there are no intervals.
     """
     unknowns, count = problem.unknowns.unknowns, len(found)
     if count < 2:
@@ -174,19 +173,19 @@ def estimates_of(
 
 
 def _freedom(jacobian: Sequence[FloatArray], folds: Sequence[Sequence[int]]) -> FloatArray:
-    """Degrees of freedom of the standard deviation of each of x, at least 1, (n,)."""
+    """Return the degrees of freedom of the standard deviation of each of x, at least 1, (n,)."""
     parts = [part.reshape(-1, part.shape[-1]) for part in jacobian]
     inverse = np.linalg.pinv(np.concatenate(parts))
     ends = np.cumsum([len(part) for part in parts])[:-1]
     of_step = np.array([(part**2).sum(axis=1) for part in np.split(inverse, ends, axis=1)])
-    # Contribution of each fold to the variance for independent residuals of one variance.
+    # The share of each fold in the variance, for independent residuals of equal variance.
     share = np.array([of_step[list(fold)].sum(axis=0) for fold in folds])
     variation = share.var(axis=0) / share.mean(axis=0) ** 2
     return np.maximum(len(folds) / (1.0 + variation) - 1.0, 1.0)
 
 
 def correlations_of(problem: Problem, x: FloatArray) -> FloatArray:
-    """Correlations of the fit ``x``, (n, n)."""
+    """Return the correlations of the fit ``x``, (n, n)."""
     flat, _ = _normalised(np.concatenate(problem.jacobian(x)))
     covariance = np.linalg.inv(flat.T @ flat)
     deviation = np.sqrt(np.diag(covariance))
@@ -197,8 +196,8 @@ class OpenDirection(NamedTuple):
     """A direction that the data leave open.
 
     Attributes:
-        name: the unknown to leave out, so that the others are determined.
-        reason: the direction in words.
+        name: name of the unknown to leave out, so that the others are determined.
+        reason: description of the direction.
     """
 
     name: str
@@ -208,10 +207,10 @@ class OpenDirection(NamedTuple):
 def open_direction(
     problem: Problem, x: FloatArray, without: Collection[int] = ()
 ) -> OpenDirection | None:
-    """The first direction from ``x`` that changes no residual of the steps but those ``without``.
+    """Return a direction from ``x`` that changes no residual, except of the steps ``without``.
 
-    An unknown without any effect comes first. Of several that only together change nothing, that
-    which is last in the order of `unknowns.FITS` is to be left out.
+    An unknown without any effect comes first. If several unknowns together change nothing, the
+    last in the order of `unknowns.FITS` is the one to leave out.
     """
     parts = problem.jacobian(x)
     jacobian = np.concatenate([part for step, part in enumerate(parts) if step not in without])
@@ -227,7 +226,7 @@ def open_direction(
         return None
     share = np.abs(directions[-1])
     last = int(np.flatnonzero(share >= _PART * share.max())[-1])
-    # In words, without small components.
+    # Small components are left out of the description.
     move = directions[-1] / norms
     share = np.abs(move / scales)
     is_large = share > 0.01 * share.max()
@@ -243,7 +242,7 @@ def open_direction(
 
 
 def _normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (3 points, n) as columns of length 1, and their lengths."""
+    """Return derivatives (3 points, n) with columns of norm 1, and the norms."""
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     norms = np.linalg.norm(flat, axis=0)
     return flat / norms, norms
@@ -254,10 +253,10 @@ def determined(
     fit: Callable[[P], T | OpenDirection],
     left_out: dict[str, str],
 ) -> tuple[P, T] | None:
-    """The problem of what the data determine, and its ``fit``; None where that is nothing.
+    """Return the problem of the determined unknowns and its ``fit``; None if there are none.
 
-    What else is open is added to ``left_out``, with the reason: it is looked for at the start,
-    since with an undetermined direction no minimisation converges, and by ``fit``.
+    Open unknowns are added to ``left_out``, with the reason. They are looked for at the start,
+    because no minimisation converges with an undetermined direction, and by ``fit``.
     """
     while (problem := problem_without(tuple(left_out))).unknowns.unknowns:
         found = open_direction(problem, problem.unknowns.start) or fit(problem)

@@ -1,8 +1,8 @@
-"""The parameters that can be fitted, and the arm that a vector x of them stands for.
+"""The parameters that can be fitted, and the arm that a vector x of them describes.
 
-Of moduli and scales x is the logarithm of their ratio to the start, so that they stay positive; of
-the tendons' own stiffness the ratio of the start to it, in which what encoders read is linear, and
-which is zero for tendons that do not stretch; of all others the value itself.
+For moduli and scales x is the logarithm of their ratio to the start, so that they stay positive.
+For the stiffness of tendons it is the ratio of the start to the stiffness: encoder readings are
+linear in it, and it is zero for tendons that do not stretch. For all others x is the value itself.
 """
 
 import math
@@ -26,7 +26,7 @@ from octo_arm_model.rod.solver import Solver
 AXIAL = 'axial_stiffness'
 SHEATH = 'sheath_stiffness'
 SPOOL, ENCODER_ZEROS = 'displacement_scale', 'displacement_offset'
-OF_ENCODERS = (SPOOL, ENCODER_ZEROS, AXIAL)  # what their readings show
+OF_ENCODERS = (SPOOL, ENCODER_ZEROS, AXIAL)  # parameters that encoder readings depend on
 DAMPING, DRAG, ADDED_MASS = OF_MOTION = 'damping', 'drag', 'added_mass'
 OF_WATER = DRAG, ADDED_MASS
 BENDING, REST_CURVATURE, REST_TORSION = 'bending_stiffness', 'rest_curvature', 'rest_torsion'
@@ -49,17 +49,17 @@ FITS = (
     *OF_MOTION,
 )
 ALIGNMENT = tuple(f'alignment_{part}' for part in ('x', 'y', 'z', 'turn_x', 'turn_y', 'turn_z'))
-OFFSET, ZERO = 'tendon_offset.', 'encoder_zero.'  # and the name of a tendon
+OFFSET, ZERO = 'tendon_offset.', 'encoder_zero.'  # prefixes of the name of a tendon
 _BY_LOAD_CELLS = ('tension_scale', 'tension_offset')
 _FARTHEST = 10.0  # bound of logarithms
-_ROUGHEST = 2.0  # largest coefficient of friction that is looked for [-]
-_ROUGH = 0.1  # where the search begins without one in the config [-]
-_THREAD = 1000.0  # likewise for a tendon's own stiffness E A [N]
-_SOFTEST = 1e6  # least stiffness of tendons that is looked for, as its part of the first
+_ROUGHEST = 2.0  # largest fitted coefficient of friction [-]
+_ROUGH = 0.1  # initial coefficient of friction if the config has none [-]
+_THREAD = 1000.0  # initial stiffness E A of tendons if the config has none [N]
+_SOFTEST = 1e6  # initial stiffness of tendons over the least fitted one
 
 
 class Scale(Enum):
-    """How the value of an unknown follows from its component of x."""
+    """The function that maps a component of x to the value of an unknown."""
 
     VALUE = auto()
     LOGARITHM = auto()
@@ -71,14 +71,14 @@ class Unknown:
     """One number to fit.
 
     Attributes:
-        name: of the parameter.
-        unit: its unit.
+        name: name of the parameter.
+        unit: unit of the parameter.
         start: initial value of x.
         scale: a large change of x.
         low: least value of x.
         high: largest value of x.
-        kind: what x is.
-        reference: value where x is 0, of a logarithm, or 1, of an inverse.
+        kind: meaning of x.
+        reference: value of the parameter at x = 0 of a logarithm, or at x = 1 of an inverse.
     """
 
     name: str
@@ -91,7 +91,7 @@ class Unknown:
     reference: float = 1.0
 
     def value(self, x: float) -> float:
-        """Its value at ``x``."""
+        """Return the value of the parameter at ``x``."""
         if self.kind is Scale.LOGARITHM:
             return self.reference * math.exp(x)
         if self.kind is Scale.INVERSE:
@@ -99,13 +99,13 @@ class Unknown:
         return x
 
     def relative_change(self, x: float, step: float) -> float | None:
-        """Relative change of the value by a ``step`` from ``x``; None of one that x itself is."""
+        """Return the relative change of the value by a ``step`` of x; None if x is the value."""
         if self.kind is Scale.VALUE:
             return None
         return step if self.kind is Scale.LOGARITHM else -step / max(x, 1e-300)
 
     def stddev(self, x: float, deviation: float) -> float:
-        """Standard deviation of the value for a ``deviation`` of x, to first order."""
+        """Return the standard deviation of the value for a ``deviation`` of x, to first order."""
         relative = self.relative_change(x, deviation)
         return deviation if relative is None else self.value(x) * abs(relative)
 
@@ -113,7 +113,7 @@ class Unknown:
 def _check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) -> None:
     """Check that ``model`` has a derivative by each of ``fits``; ConfigError if not.
 
-    Tensions follow from lengths if it ``is_driven``; it ``moves``, or is in equilibrium.
+    ``is_driven`` says that tensions follow from lengths, ``moves`` that the arm moves.
     """
     if is_driven and model != 'exact':
         raise ConfigError(
@@ -148,9 +148,9 @@ def _check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) -
 def unknowns_of(
     config: Config, pulled: Sequence[str], encoders: Sequence[str], alignment: Alignment
 ) -> dict[str, list[Unknown]]:
-    """The unknowns of each of `FITS`, on the arm of ``config``.
+    """Return the unknowns of each of `FITS` for the arm of ``config``.
 
-    ``pulled`` are the tendons under tension, ``encoders`` those of them that have one, and
+    ``pulled`` names the tendons under tension, ``encoders`` those among them with an encoder, and
     ``alignment`` is the start of its own fit.
     """
     arm, material, motion = config.arm, config.arm.material, config.motion
@@ -161,7 +161,7 @@ def unknowns_of(
 
     poisson = float(material.poisson_ratio_at(0.0))
     torsion, *curvatures = arm.rest.at(np.zeros(1))[:, 0].tolist()
-    # A search does not begin at zero where this is the end of a range, which it hardly leaves.
+    # A fit that starts at zero, the end of a range, would hardly leave it.
     damping = ('Pa s', motion.viscosity, 100.0) if motion.viscosity else None
     unit, damped, usual = damping or ('s', motion.damping_time or 0.01, 0.01)
     rough = float(np.mean(arm.friction or (_ROUGH,)))
@@ -194,13 +194,13 @@ def unknowns_of(
 
 
 def _bending(arm: Arm) -> list[float]:
-    """E J about n and about b [N m^2] of ``arm`` at its base."""
+    """Return E J about n and about b [N m^2] of ``arm`` at its base."""
     found = SectionStiffness.at(arm, np.zeros(1))
     return [found.bending_n.item(), found.bending_b.item()]
 
 
 def _check_along(parameters: Mapping[str, Any], arm: Arm, fits: Sequence[str]) -> None:
-    """Check that what is fitted as one number is one along the ``arm``; ConfigError if not."""
+    """Check that parameters fitted as one number are constant along the ``arm``, or refuse."""
     for name, table in (
         (REST_CURVATURE, 'rest.table_curvature'),
         (REST_TORSION, 'rest.table_torsion'),
@@ -220,9 +220,9 @@ def _check_along(parameters: Mapping[str, Any], arm: Arm, fits: Sequence[str]) -
 
 
 def is_of_arm(name: str) -> bool:
-    """Whether an unknown is of the arm and its load cells: no pose of a camera, no encoder's zero.
+    """Whether an unknown belongs to the arm and its load cells.
 
-    These are fitted for the sake of others.
+    Poses of a camera and zeros of encoders do not; they are fitted for the sake of others.
     """
     return name not in ALIGNMENT and not name.startswith(ZERO)
 
@@ -231,9 +231,9 @@ class Readings(NamedTuple):
     """Readings of the tendons in all steps.
 
     Attributes:
-        tensions: (steps, tendons) [N].
-        displacements: of encoders, (steps, tendons) [m], NaN where there is none.
-        are_lengths: whether tensions were not read, but follow from displacements.
+        tensions: tensions (steps, tendons) [N].
+        displacements: encoder readings (steps, tendons) [m], NaN without an encoder.
+        are_lengths: whether tensions follow from displacements instead of load cells.
     """
 
     tensions: FloatArray
@@ -242,7 +242,7 @@ class Readings(NamedTuple):
 
     @classmethod
     def of(cls, shapes: Sequence[MeasuredShape]) -> 'Readings':
-        """Readings in the windows of measured ``shapes``."""
+        """Return the readings in the windows of measured ``shapes``."""
         tensions = np.array([shape.window.tensions for shape in shapes])
         none = np.full(tensions.shape[1], np.nan)
         read = [shape.window.displacements for shape in shapes]
@@ -253,13 +253,13 @@ class Readings(NamedTuple):
 def move_tendons(
     values: Mapping[str, Any], arm: Arm, moved: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Parameters ``values`` of ``arm``, each tendon ``moved`` [m] away from the midline, by name.
+    """Return the parameters of ``arm`` with each tendon ``moved`` [m] away from the midline.
 
-    Sections have one distance for all their tendons, so the paths become tables.
+    A section has one distance for all its tendons, so that the paths become tables.
     """
     new = dict(values)
     if not values.get('tendons.table_s'):
-        # Linear in s; beyond their anchorages they have no effect.
+        # Paths are linear in s, and have no effect beyond their anchorages.
         s = (0.0, arm.length)
         sections = [section for section in arm.sections if isinstance(section, Section)]
         offsets = [section.offset(s) for section in sections for _ in section.angles]
@@ -285,7 +285,7 @@ def move_tendons(
     return new
 
 
-_STIFF_SHEATH = 10.0  # over the shear modulus: that a fit begins with where tendons kept places
+_STIFF_SHEATH = 10.0  # initial stiffness of sheaths over the shear modulus, if the arm has none
 _EXACT_PARAMETERS = (
     'material.poisson_ratio_stddev',
     'tendons.offset_stddev',
@@ -293,22 +293,22 @@ _EXACT_PARAMETERS = (
 )
 # Enough for the polygon through the stations to be as accurate as the curve.
 FINE_STATIONS = 201
-_PULLED = 1e-2  # of the highest tension: tendons below it count as slack
+_PULLED = 1e-2  # part of the highest tension below which tendons count as slack
 
 
 class Unknowns:
     """The unknowns of one model, as a vector.
 
     Attributes:
-        model: its name.
+        model: name of the model.
         arm: the initial arm.
         unknowns: the components of the vector.
-        names: their names.
+        names: names of the components.
         start: the initial vector.
-        readings: what was read of the tendons.
+        readings: readings of the tendons.
         slack: tension below which a tendon counts as slack [N].
-        taut: which tendons with an encoder reading are not, (steps, tendons); what winches of
-            slack tendons have paid out says nothing.
+        taut: which tendons with an encoder reading are not slack, (steps, tendons); readings of
+            slack tendons are not used.
         reads_encoders: whether encoder readings are residuals of the fit.
     """
 
@@ -322,14 +322,13 @@ class Unknowns:
         without: Collection[str] = (),
         moves: bool = False,
     ) -> None:
-        """Fit ``fits`` of `FITS`, beginning with ``parameters`` and ``alignment``.
+        """Set up the unknowns of ``fits`` of `FITS`, from ``parameters`` and ``alignment``.
 
-        ``readings`` show which tendons are pulled, and which encoders read them. Of the
-        components, those named in ``without`` stay as they are. The arm ``moves``, or is in
-        equilibrium all the time.
+        ``readings`` show which tendons are pulled, and which have encoders. Components named in
+        ``without`` keep their values. ``moves`` says that the arm moves.
 
         Raises:
-            ConfigError: if the model has no derivative by one of them, or nothing shows it.
+            ConfigError: if the model has no derivative by one of them, or no reading shows it.
         """
         _check_fits(fits, model, readings.are_lengths, moves)
         self.model, self.readings = model, readings
@@ -344,11 +343,11 @@ class Unknowns:
         if 'poisson_ratio' in fits and self._parameters.get('material.table_poisson_ratio'):
             raise ConfigError('poisson_ratio cannot be fitted: the config has a table of it')
         if self._parameters.get('material.shear_modulus'):
-            # E is fitted at the same nu, so G changes with it.
+            # E is fitted at constant nu, so that G changes with it.
             self._parameters['material.shear_modulus'] = 0.0
             self._parameters['material.poisson_ratio'] = float(material.poisson_ratio_at(0.0))
         if SHEATH in fits:
-            # One for all tendons, by the logarithm of which a fit never gets to rigid ones.
+            # All tendons share one stiffness, whose logarithm never reaches that of rigid sheaths.
             known = config.arm.sheath_stiffness or (_STIFF_SHEATH * material.shear_modulus,)
             self._parameters['tendons.sheath_stiffness'] = [float(np.mean(known))]
             config = Config.from_parameters(self._parameters)
@@ -364,10 +363,10 @@ class Unknowns:
                 f'{of_encoders[0]} shows in encoder readings of tendons under tension, and this '
                 'recording has none'
             )
-        # What encoders read is weighed where nothing else shows what is fitted.
+        # Encoder readings are residuals if nothing else depends on the fitted parameters.
         self.reads_encoders = bool(of_encoders) and not readings.are_lengths
-        # Tendons stretch from where they were taut, which is not known exactly. Where both
-        # together are undetermined the stiffness is left out: it comes last.
+        # Tendons stretch from their taut length, which is not known exactly. If the two together
+        # are undetermined the stiffness is left out, because it comes last.
         wanted = {*fits, *([ENCODER_ZEROS] if AXIAL in fits else [])}
         names = np.array(self.arm.tendon_names)
         pulled, encoders = names[self._pulled].tolist(), names[self.taut.any(axis=0)].tolist()
@@ -380,30 +379,30 @@ class Unknowns:
         self.names = tuple(unknown.name for unknown in self.unknowns)
 
     def value(self, x: FloatArray, name: str, default: float) -> float:
-        """Value of the unknown ``name`` at ``x``; ``default`` where it is none."""
+        """Return the value of the unknown ``name`` at ``x``, or ``default`` if it is not one."""
         if name not in self.names:
             return default
         number = self.names.index(name)
         return self.unknowns[number].value(float(x[number]))
 
     def alignment(self, x: FloatArray) -> Alignment:
-        """Transform camera to base at ``x``."""
+        """Return the transform camera to base at ``x``."""
         begun = [*self._alignment.shift, *self._alignment.turn]
         parts = [self.value(x, name, one) for name, one in zip(ALIGNMENT, begun, strict=True)]
         return Alignment(np.array(parts[3:]), np.array(parts[:3]))
 
     def tensions(self, x: FloatArray, read: FloatArray) -> FloatArray:
-        """Tensions (tendons,) [N] for readings ``read``; slack tendons have no offset."""
+        """Return the tensions [N], (tendons,), for ``read`` ones; slack tendons have no offset."""
         scale, offset = self.value(x, 'tension_scale', 1.0), self.value(x, 'tension_offset', 0.0)
         return np.maximum(scale * read + offset * (read > self.slack), 0.0)
 
     def parameters(self, x: FloatArray) -> dict[str, Any]:
-        """Parameters of the arm, its load cells and its encoders at ``x``."""
+        """Return the parameters of the arm, its load cells and its encoders at ``x``."""
         found = {one.name: self.value(x, one.name, 0.0) for one in self.unknowns}
         values, count = dict(self._parameters), len(self.arm.tendons)
         scale, offset = found.get('tension_scale', 1.0), found.get('tension_offset', 0.0)
         if (scale, offset) != (1.0, 0.0):
-            # A slack tendon has no offset: the deadband holds what it reads.
+            # A slack tendon has no offset, because its reading is within the deadband.
             cells = self._cells
             begun = np.array(cells.offset or count * (0.0,))
             band = max(cells.deadband, float(self.slack) if offset else 0.0)
@@ -411,7 +410,7 @@ class Unknowns:
             values['tension_offset'] = (scale * begun + offset * self._pulled).tolist()
             values['tension_deadband'] = scale * band + abs(offset)
         if (young := found.get('youngs_modulus')) is not None:
-            # A modulus along the arm, and stiffness that is given, change by the same factor.
+            # A modulus that varies along the arm and a given stiffness get the same factor.
             factor = young / float(self.arm.material.youngs_modulus_at(0.0))
             scaled = {name for name in values if name.startswith('stiffness.')}
             scaled -= {'stiffness.table_s'}
@@ -456,22 +455,22 @@ class Unknowns:
         return move_tendons(values, self.arm, moved) if any(moved.values()) else values
 
     def solver(self, x: FloatArray) -> Solver:
-        """Solver of the arm at ``x``; ArmDefinitionError if there can be no such arm."""
+        """Return the solver of the arm at ``x``; ArmDefinitionError if the arm is impossible."""
         config = Config.from_parameters(self.parameters(x))
         return config.solver(stations=max(config.stations, FINE_STATIONS))
 
     def lengths(self, x: FloatArray) -> FloatArray:
-        """Lengths reeled in for the readings of encoders, (steps, tendons) [m]."""
+        """Return the lengths reeled in for the encoder readings at ``x``, (steps, tendons) [m]."""
         begun = self.readings.displacements - self._encoder_offset
         return self._spool(x) * begun + self._encoder_offset - self._zeros(x)
 
     def readings_of(self, x: FloatArray, lengths: FloatArray) -> FloatArray:
-        """What encoders read of ``lengths`` (steps, tendons) reeled in: the inverse."""
+        """Return the encoder readings for reeled-in ``lengths`` (steps, tendons) [m]."""
         begun = lengths + self._zeros(x) - self._encoder_offset
         return begun / self._spool(x) + self._encoder_offset
 
     def _spool(self, x: FloatArray) -> float:
-        """Radius of the spools over that in the config [-]."""
+        """Return the radius of the spools over that in the config [-]."""
         first = float(np.mean(np.abs(self._encoders.scale or (1.0,))))
         return self.value(x, SPOOL, first) / first
 
@@ -480,5 +479,5 @@ class Unknowns:
         return np.broadcast_to(np.array(self._encoders.offset or 0.0), len(self.arm.tendons))
 
     def _zeros(self, x: FloatArray) -> FloatArray:
-        """Readings of the encoders at the taut unloaded arm, (tendons,) [m]."""
+        """Return the encoder readings of the taut unloaded arm, (tendons,) [m]."""
         return np.array([self.value(x, f'{ZERO}{name}', 0.0) for name in self.arm.tendon_names])
