@@ -61,32 +61,23 @@ PULLS = np.array([0.4, 0.1, 0.0, 0.6, 0.0, 0.2, 0.3])
 def test_the_same_arm_said_in_other_words_has_the_same_shape(model):
     s = tuple(np.linspace(0.0, 0.3, 61).tolist())
     plain = Arm(SOFT, CONE, (Section(0.3, 0.008, 0.004),))
-    quarters = [0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi]
-    tabulated = Arm(
-        Material(Table(s, 61 * (1.5e5,)), Constant(0.4)),
-        ProfiledBody(0.3, Table(s, tuple(CONE.radius(s).tolist()))),
-        (
-            RoutedSection(
-                0.3,
-                tuple(
-                    Tendon(Table((0.0, 0.3), (0.008, 0.004)), Constant(angle))
-                    for angle in quarters
-                ),
-            ),
-        ),
+
+    def profiled(young, ratio, radius, offset):
+        tendons = tuple(Tendon(offset, Constant(angle)) for angle in 0.5 * math.pi * np.arange(4))
+        body = ProfiledBody(0.3, radius)
+        return Arm(Material(young, ratio), body, (RoutedSection(0.3, tendons),))
+
+    tabulated = profiled(
+        Table(s, 61 * (1.5e5,)),
+        Constant(0.4),
+        Table(s, tuple(CONE.radius(s).tolist())),
+        Table((0.0, 0.3), (0.008, 0.004)),
     )
-    functions = Arm(
-        Material(Function(lambda s: 1.5e5 + 0 * s, 0.3), 0.4),
-        ProfiledBody(0.3, Function(CONE.radius, 0.3)),
-        (
-            RoutedSection(
-                0.3,
-                tuple(
-                    Tendon(Function(lambda s: 0.008 - s / 75, 0.3), Constant(angle))
-                    for angle in quarters
-                ),
-            ),
-        ),
+    functions = profiled(
+        Function(lambda s: 1.5e5 + 0 * s, 0.3),
+        0.4,
+        Function(CONE.radius, 0.3),
+        Function(lambda s: 0.008 - s / 75, 0.3),
     )
     pulls = [[0.5, 0.2, 0.0, 0.0]]
     expected = Solver(plain, model).solve(pulls)
