@@ -23,7 +23,7 @@ MOST = {
     'octo_arm_model/bags': 2_720,
     'octo_arm_model/cli': 2_960,
     'octo_arm_model/config': 1_720,
-    'octo_arm_model/estimation': 3_810,
+    'octo_arm_model/estimation': 3_730,
     'octo_arm_model/experiment': 6_000,
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_410,

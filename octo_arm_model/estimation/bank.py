@@ -3,11 +3,11 @@
 Each hypothesis is a normal distribution of the state, and a set of sensors of which it uses
 nothing: none of them, one load cell, one other sensor, or all load cells (multiple-model adaptive
 estimation for failures of sensors, Maybeck 1999). How far one is contradicted is the sum of the
-normalised squares of its innovations beyond what is expected, forgotten in `MEMORY`; determinants
-of covariances are left out, as usual there, so that a hypothesis is not the worse for predicting
-less. What nothing contradicts stays as probable as before, and the covariance is that of the
-mixture: where other sensors cannot tell whether a load cell is right, it holds what would be if
-it is not.
+normalised squares of its innovations beyond what is expected, forgotten in half a second;
+determinants of covariances are left out, as usual there, so that a hypothesis is not the worse for
+predicting less. What nothing contradicts stays as probable as before, and the covariance is that
+of the mixture: where other sensors cannot tell whether a load cell is right, it holds what would
+be if it is not.
 
 All hypotheses are updated about shapes that are known already. The most probable one then has its
 own shape solved, which may make it less so; then the next one has, and so on while `Work` is left.
@@ -40,8 +40,12 @@ from octo_arm_model.estimation.posterior import (
     nearest_possible,
     reached,
 )
-from octo_arm_model.estimation.rules import CONTRADICTED, MEMORY, MOST, Doubts, Rules, channels_of
+from octo_arm_model.estimation.rules import Doubts, Rules, channels_of
 
+_MEMORY = 0.5  # [s] in which contradictions are forgotten
+_EXPECTED = 2.0  # normalised square of a number, beyond which it contradicts
+_MOST = 16.0  # contradiction of a hypothesis [nat]: it is forgotten in three times _MEMORY
+CONTRADICTED = 8.0  # from which on a hypothesis is no longer followed by itself
 _STAYS = 1.0  # by which another hypothesis has to be more probable than the present one [nat]
 _SHARE = 4  # evaluations for one hypothesis among several
 _FAR = 0.02  # of the length, by which a station moves, to linearise others anew
@@ -90,7 +94,7 @@ class Bank(NamedTuple):
         """All of them ``elapsed`` [s] later."""
         decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
         covariance = np.outer(decay, decay) * self.covariance + np.diag(growth**2)
-        contradiction = math.exp(-elapsed / MEMORY) * self.contradiction
+        contradiction = math.exp(-elapsed / _MEMORY) * self.contradiction
         return self._replace(
             mean=decay * self.mean, covariance=covariance, contradiction=contradiction
         )
@@ -117,7 +121,6 @@ class BankUpdate(NamedTuple):
         innovation: measured less predicted before, (hypotheses, m).
         expected: covariance of that, (hypotheses, m, m).
         square: normalised square of what each used together, (hypotheses,).
-        volume: twice the logarithm of the denominator of its density, (hypotheses,).
     """
 
     mean: FloatArray
@@ -127,7 +130,6 @@ class BankUpdate(NamedTuple):
     innovation: FloatArray
     expected: FloatArray
     square: FloatArray
-    volume: FloatArray
 
     def improve(self, others: BankUpdate) -> None:
         """Write ``others`` where they contradict less, linearised about another shape."""
@@ -291,28 +293,28 @@ class BankFilter:
         innovation = rows.left(at) + (at.x - bank.mean) @ jacobian.T
         across = jacobian @ bank.covariance
         expected = across @ jacobian.T + rows.noise
-        squares = channels.squares(innovation, expected)
+        squares, limits = channels.squares(innovation, expected), channels.limits(self._rules.gate)
         is_doubted = np.array([channels.is_in(doubts) for doubts in bank.doubts])
         if is_used is None:
-            is_used = ~is_doubted & (squares <= channels.limits(self._rules.gate))
-        # Numbers that are not used are independent of all, of a density of one.
+            is_used = ~is_doubted & (squares <= limits)
+        # Numbers that are not used are of noise alone.
         some = is_used[..., np.newaxis]
-        unused = ~some * np.eye(len(rows)) / (2.0 * math.pi)
+        noise = ~some * np.diag(rows.noise.diagonal())
         across, left = some * across, (is_used * innovation)[..., np.newaxis]
-        used = some * expected * is_used[:, np.newaxis] + unused
+        used = some * expected * is_used[:, np.newaxis] + noise
         solved = np.linalg.solve(used, np.concatenate([across, left], axis=-1))
         gain, square = solved[..., :-1], (solved[..., -1:] * left).sum(axis=(1, 2))
-        root = np.linalg.cholesky(2.0 * math.pi * used)
-        volume = 2.0 * np.log(np.einsum('hii->hi', root)).sum(axis=-1)
         mean = bank.mean + (gain * left).sum(axis=1)
         # Joseph's form, exact too where measurements are far more exact than what was known.
         covariance = bank.covariance - gain.swapaxes(-1, -2) @ across
         told = jacobian @ covariance * some
         covariance += (rows.noise @ gain - told).swapaxes(-1, -2) @ gain
         covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
-        is_refused = ~is_used & ~is_doubted
-        cost = channels.cost(is_used, is_refused, squares, square, self._rules.gate)
-        return BankUpdate(mean, covariance, is_used, cost, innovation, expected, square, volume)
+        cost = np.maximum(0.0, 0.5 * (square - _EXPECTED * is_used.sum(axis=-1)))
+        # What is refused counts by itself, as at the gate at least.
+        refused = np.minimum(0.5 * np.maximum(squares, limits), _MOST) / channels.counts
+        cost += np.where(~is_used & ~is_doubted, refused, 0.0).sum(axis=-1)
+        return BankUpdate(mean, covariance, is_used, cost, innovation, expected, square)
 
     def _fit(
         self, bank: Bank, number: int, rows: Rows, at: Prediction, spare: int, *, is_new: bool
@@ -465,7 +467,7 @@ class BankFilter:
 
 def _updated(bank: Bank, update: BankUpdate) -> Bank:
     """``bank`` after an ``update``."""
-    contradiction = np.minimum(bank.contradiction + update.cost, MOST)
+    contradiction = np.minimum(bank.contradiction + update.cost, _MOST)
     return bank._replace(
         mean=update.mean, covariance=update.covariance, contradiction=contradiction
     )

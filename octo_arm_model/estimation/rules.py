@@ -13,15 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.sensitivity import chi_square_limit
 
 GATE = 0.9999
 RECENT = 200  # innovations of a kind that count as recent
-MEMORY = 0.5  # [s] in which contradictions are forgotten
-EXPECTED = 2.0  # normalised square of a number, beyond which it contradicts
-MOST = 16.0  # contradiction of a hypothesis [nat]: it is forgotten in three times MEMORY
-CONTRADICTED = 8.0  # from which on a hypothesis is no longer followed by itself
 DOUBTS = 2  # load cells that are doubted at once at most, unless it is all of them
 _ALL = 4.0  # load cells that lie together as rarely as all of them
 
@@ -69,9 +65,8 @@ class Rules:
 
     def improbability(self, doubts: Doubts, cells: Doubts) -> float:
         """Of the ``doubts`` of a hypothesis, of an arm with such load ``cells`` [nat]."""
-        of_cells = float(len(doubts & cells))
-        if of_cells > DOUBTS:
-            of_cells = _ALL
+        count = len(doubts & cells)
+        of_cells = _ALL if count > DOUBTS else count
         parts = (of_cells, self.cell_fault), (len(doubts - cells), self.sensor_fault)
         return -sum((count * math.log(part) for count, part in parts if count), 0.0)
 
@@ -81,17 +76,15 @@ class Channels:
 
     Attributes:
         names: of the sensor of each number, (m,).
-        counts: how many numbers it measures, (m,).
+        is_same: whether two are of the same one, (m, m).
+        counts: how many numbers the sensor of each measures, (m,).
     """
 
     def __init__(self, names: tuple[str, ...]) -> None:
         """Of numbers of sensors of these ``names``."""
         self.names = names
-        self.counts = np.array([names.count(name) for name in names])
-        many = {name for name in names if names.count(name) > 1}
-        self._blocks: list[IntArray] = [
-            np.flatnonzero([one == name for one in names]) for name in sorted(many)
-        ]
+        self.is_same = np.array([[one == other for one in names] for other in names])
+        self.counts = self.is_same.sum(axis=1)
 
     def limits(self, gate: float) -> FloatArray:
         """Largest normalised square of each sensor that is within the ``gate``, (m,)."""
@@ -106,30 +99,8 @@ class Channels:
 
         Of an ``innovation`` (hypotheses, m), by its covariance ``expected`` (hypotheses, m, m).
         """
-        found = innovation**2 / np.einsum('hii->hi', expected)
-        for own in self._blocks:
-            left = innovation[:, own, np.newaxis]
-            solved = np.linalg.solve(expected[:, own[:, np.newaxis], own], left)
-            found[:, own] = (solved * left).sum(axis=1)
-        return np.asarray(found)
-
-    def cost(
-        self,
-        is_used: NDArray[np.bool_],
-        is_refused: NDArray[np.bool_],
-        squares: FloatArray,
-        square: FloatArray,
-        gate: float,
-    ) -> FloatArray:
-        """By how much measurements contradict hypotheses [nat], (hypotheses,).
-
-        ``square`` (hypotheses,) is that of all numbers used together; of sensors that are refused
-        each counts by itself, as one that is at the ``gate`` at least.
-        """
-        cost = np.maximum(0.0, 0.5 * (square - EXPECTED * is_used.sum(axis=-1)))
-        refused = np.maximum(squares, self.limits(gate))
-        parts = np.minimum(0.5 * refused, MOST) / self.counts
-        return np.asarray(cost + np.where(is_refused, parts, 0.0).sum(axis=-1))
+        solved = np.linalg.solve(expected * self.is_same, innovation[..., np.newaxis])[..., 0]
+        return np.asarray((innovation * solved) @ self.is_same)
 
 
 channels_of = functools.lru_cache(maxsize=64)(Channels)

@@ -175,8 +175,8 @@ class TensionStatistics(NamedTuple):
         rate: of the change in a second, of a random walk that keeps up with them [N/s^0.5].
     """
 
-    noise: float
-    rate: float
+    noise: float = 0.0
+    rate: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class EstimatorSettings:
             for places in (given.contact_s, given.marker_s)
         )
         given = dataclasses.replace(given, contact_s=contact_s, marker_s=marker_s)
-        notes: list[str] = []
+        recorded, notes = recorded or TensionStatistics(), list[str]()
         return cls(
             _unknowns(given, config, recorded, notes),
             _noise(given, config, recorded, notes),
@@ -274,18 +274,14 @@ def _check(given: EstimatorParameters, arm: Arm) -> None:
 
 
 def _unknowns(
-    given: EstimatorParameters,
-    config: Config,
-    recorded: TensionStatistics | None,
-    notes: list[str],
+    given: EstimatorParameters, config: Config, recorded: TensionStatistics, notes: list[str]
 ) -> Mapping[str, Unknowns]:
     """The unknowns of every hypothesis."""
     arm, time = config.arm, given.force_time
     # Tendons that end near the tip are pulled by far less than those of the base.
     highest = default_highest(arm).ravel().tolist()
-    rate = given.tension_rate
-    if not rate and recorded is not None and recorded.rate > 0.0:
-        rate = recorded.rate
+    rate = given.tension_rate or recorded.rate
+    if rate > given.tension_rate:
         notes.append(f'tensions change by {rate:.3g} N in a second (as fast as recorded)')
         _check_recorded('tensions change by', rate, 'N in a second', 'estimator.tension_rate')
     elif not rate:
@@ -341,11 +337,7 @@ def _slow_unknowns(
 
 
 def _check_recorded(what: str, value: float, unit: str, name: str) -> None:
-    """Check what is taken from a recording where the parameter ``name`` is not given.
-
-    Raises:
-        ConfigError: if it is beyond the range of that parameter.
-    """
+    """Check what is taken from a recording where the parameter ``name`` is not given."""
     if value > LARGEST:
         raise ConfigError(
             f'{what} {value:.3g} {unit} as recorded, expected at most {LARGEST:g}: give {name}'
@@ -353,15 +345,11 @@ def _check_recorded(what: str, value: float, unit: str, name: str) -> None:
 
 
 def _noise(
-    given: EstimatorParameters,
-    config: Config,
-    recorded: TensionStatistics | None,
-    notes: list[str],
+    given: EstimatorParameters, config: Config, recorded: TensionStatistics, notes: list[str]
 ) -> SensorNoise:
     """Noise of the sensors; that of the load cells is the arm's, or else of the recording."""
-    known, tension = config.uncertainty, config.uncertainty.tension
-    if not tension and recorded is not None and recorded.noise > 0.0:
-        tension = recorded.noise
+    known, tension = config.uncertainty, config.uncertainty.tension or recorded.noise
+    if tension > known.tension:
         _check_recorded('tensions vary by', tension, 'N', 'tension_stddev')
         notes.append(f'tensions are measured to {tension:.3g} N (as their differences vary)')
     elif not tension:

@@ -9,14 +9,14 @@ import numpy as np
 
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import IntArray
-from octo_arm_model.estimation.bank import Bank, BankFilter, BankUpdate, new_bank
+from octo_arm_model.estimation.bank import CONTRADICTED, Bank, BankFilter, BankUpdate, new_bank
 from octo_arm_model.estimation.common_fault import CommonFault
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.measurement import Measurement, Rows
 from octo_arm_model.estimation.measurements import LOAD_CELL
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.posterior import Work, nearest_possible
-from octo_arm_model.estimation.rules import CONTRADICTED, Innovation, Rules
+from octo_arm_model.estimation.rules import Innovation, Rules
 from octo_arm_model.rod.sensitivity import chi_square_limit
 
 EVALUATIONS, ITERATIONS = 7, 50  # of shapes for one message, and of the solver for them
@@ -89,7 +89,11 @@ class _Step:
             since = time if before is None else before
         used = [np.flatnonzero(update.is_used[leader]) for _, update in parts]
         square = sum(float(update.square[leader]) for _, update in parts)
-        volume = sum(float(update.volume[leader]) for _, update in parts)
+        # Twice the logarithm of the denominator of the density of all that is used.
+        volume = sum(
+            float(np.linalg.slogdet(2.0 * np.pi * update.expected[leader][np.ix_(some, some)])[1])
+            for (_, update), some in zip(parts, used)
+        )
         every = _innovations(parts, leader, at)
         unused = [one for one in every if not one.is_accepted]
         volume += sum(chi_square_limit(self._rules.gate, one.value.size) for one in unused)
