@@ -135,20 +135,14 @@ class Estimator:
         share = max(2, EVALUATIONS // count), max(10, ITERATIONS // count)
         work = [Work(*share) for _ in range(count)]
         time, made, is_new = 1e-9 * (stamp_ns - origin), tuple(measurements), False
-        place, before = self._place(time, made)
         try:
-            moments = self._placed(time, made, place, before, work)
+            moments, place, before = self._with(self._moments, time, made, work)
         except SolveError:
             self.failed += 1
             if not self._is_lost(time):
                 raise
-            moments, place, before, is_new = (
-                [self._next(None, time, made, None, work)],
-                0,
-                None,
-                True,
-            )
-            self._is_cut = False
+            moments, place, before = self._with([], time, made, work)
+            self._is_cut, is_new = False, True
         self.origin_ns, self._failing_since = origin, None
         added, newest = moments[place], moments[-1]
         # The moment before the window is what a late measurement begins from.
@@ -187,14 +181,15 @@ class Estimator:
             del self.refused_since[name]
         self.suspects = estimate.suspects
 
-    def _place(self, time: float, made: tuple[Measurement, ...]) -> tuple[int, _Moment | None]:
-        """Where among the moments what was ``made`` is, and the one that it is put together with.
-
-        Raises:
-            MeasurementError: if it comes later than the window.
-        """
-        moments = self._moments
-        place = bisect.bisect_right([one.time for one in moments], time)
+    def _with(
+        self,
+        moments: list[_Moment],
+        time: float,
+        made: tuple[Measurement, ...],
+        work: Sequence[Work],
+    ) -> tuple[list[_Moment], int, _Moment | None]:
+        """With what was ``made``, where that is among them, and the one that it is put into."""
+        place, before = bisect.bisect_right([one.time for one in moments], time), None
         # Of two sensors the one measured first may be heard second: it begins the window then.
         if moments and not place and (self._is_cut or time < moments[-1].time - self._window):
             self.late += 1
@@ -202,29 +197,17 @@ class Estimator:
                 f'measured at {time:.6g} s, before the window, which begins at '
                 f'{moments[0].time:.6g} s'
             )
-        names = {one.name for one in made}
         # Without the moment before it one cannot be done again.
         if place > self._is_cut and moments[place - 1].time == time:
-            if not any(one.name in names for one in moments[place - 1].measurements):
-                return place - 1, moments[place - 1]
-        return place, None
-
-    def _placed(
-        self,
-        time: float,
-        made: tuple[Measurement, ...],
-        place: int,
-        before: _Moment | None,
-        work: Sequence[Work],
-    ) -> list[_Moment]:
-        """The moments with what was ``made`` in its ``place``, and what followed done again."""
-        found = self._moments[:place]
-        if before is not None:
-            made = before.measurements + made
+            names = {one.name for one in moments[place - 1].measurements}
+            if not any(one.name in names for one in made):
+                place, before = place - 1, moments[place - 1]
+                made = before.measurements + made
+        found = moments[:place]
         found.append(self._next(found[-1] if found else None, time, made, before, work))
-        for later in self._moments[place + (before is not None) :]:
+        for later in moments[place + (before is not None) :]:
             found.append(self._next(found[-1], later.time, later.measurements, later, work))
-        return found
+        return found, place, before
 
     def _next(
         self,

@@ -40,30 +40,14 @@ class Gaussian(NamedTuple):
         return cls(mean, upper.T)
 
 
-class Gain(NamedTuple):
-    """What linear measurements make of a distribution.
+def spread(jacobian: FloatArray) -> FloatArray:
+    """Root (n, n) of the covariance after measurements, by that before: upper triangular.
 
-    Attributes:
-        gain: change of the mean by the residuals, (n, m).
-        innovation_root: lower triangular root of the covariance of the residuals, (m, m).
-        root: of the covariance after, (n, n).
+    They have a ``jacobian`` (m, n), in standard deviations of noise per those before.
     """
-
-    gain: FloatArray
-    innovation_root: FloatArray
-    root: FloatArray
-
-
-def gain(root: FloatArray, jacobian: FloatArray, noise_root: FloatArray) -> Gain:
-    """Of a covariance of ``root`` (n, n), measured by ``jacobian`` (m, n)."""
-    m, n = jacobian.shape
-    array = np.zeros((m + n, m + n))
-    array[:m, :m], array[m:, m:] = noise_root, root
-    array[:m, m:] = jacobian @ root
-    lower = lower_root(array)
-    innovation_root, across = lower[:m, :m], lower[m:, :m]
-    scaled = solve_lower(innovation_root, across.T, is_transposed=True)
-    return Gain(scaled.T, innovation_root, lower[m:, m:])
+    identity = np.eye(jacobian.shape[1])
+    root = lower_root(np.concatenate([jacobian.T, identity], axis=1))
+    return solve_lower(root, identity, is_transposed=True)
 
 
 def solve_lower(root: FloatArray, right: FloatArray, *, is_transposed: bool = False) -> FloatArray:
@@ -92,8 +76,3 @@ def square_of(residual: FloatArray, root: FloatArray) -> float:
     """Square of a ``residual`` (m,) in standard deviations; ``root`` is of its covariance."""
     white = solve_lower(root, residual)
     return float(white @ white)
-
-
-def volume_of(root: FloatArray) -> float:
-    """Twice the logarithm of the normal density's denominator, for a covariance of ``root``."""
-    return 2.0 * float(np.log(2.0 * np.pi) * 0.5 * len(root) + np.log(root.diagonal()).sum())

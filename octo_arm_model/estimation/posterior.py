@@ -21,7 +21,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import ContinuationError, ConvergenceError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.gaussian import Gaussian, lower_root, solve_lower, square_of
+from octo_arm_model.estimation.gaussian import Gaussian, lower_root, solve_lower, spread, square_of
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
 
@@ -200,7 +200,7 @@ class _Local:
         jacobian, second = rows.jacobian(at) @ before.root, rows.second(at)
         white = solve_lower(rows.noise_root, np.column_stack([left, jacobian]))
         self.z, self.left, self.jacobian = self._away(at.x), white[:, 0], white[:, 1:]
-        self.spread, self.slope = _spread(self.jacobian), np.zeros(len(before.root))
+        self.spread, self.slope = spread(self.jacobian), np.zeros(len(before.root))
         self.root = before.root @ self.spread  # of the covariance after them
         # All second derivatives that are known, and the gradient of the determinant.
         self.bent: tuple[FloatArray, FloatArray] | None = None
@@ -223,7 +223,7 @@ class _Local:
 
     def step(self, x: FloatArray | None = None) -> _Step:
         """The step of Gauss and Newton to the mean, from ``x`` or the state itself."""
-        z, left, jacobian, spread = self.z, self.left, self.jacobian, self.spread
+        z, left, jacobian, root = self.z, self.left, self.jacobian, self.spread
         if x is None:
             x = self.at.x
         elif self.second is not None:
@@ -231,9 +231,9 @@ class _Local:
             bent = self.second @ (z - self.z)
             left = left - (jacobian + 0.5 * bent) @ (z - self.z)
             jacobian = jacobian + bent
-            spread = _spread(jacobian)
-        change = spread.T @ (jacobian.T @ left - z - self.slope)
-        wanted = Gaussian(x + self.before.root @ (spread @ change), self.root)
+            root = spread(jacobian)
+        change = root.T @ (jacobian.T @ left - z - self.slope)
+        wanted = Gaussian(x + self.before.root @ (root @ change), self.root)
         size = math.sqrt(float(change @ change) / z.size)
         return _Step(nearest_possible(self.at.model, wanted), size, self._cost(z, left))
 
@@ -302,13 +302,6 @@ class _Local:
         form = 0.5 * (form + form.T)
         stddev = math.sqrt(2.0) * float(np.linalg.norm(form))
         return self.agreement.after(float(white @ form @ white), float(shift @ shift), stddev)
-
-
-def _spread(jacobian: FloatArray) -> FloatArray:
-    """Root of the covariance after measurements, in standard deviations of that before."""
-    identity = np.eye(jacobian.shape[1])
-    root = lower_root(np.concatenate([jacobian.T, identity], axis=1))
-    return solve_lower(root, identity, is_transposed=True)
 
 
 def _fit(local: _Local, work: Work, tolerance: float = _TOLERANCE) -> Fit:

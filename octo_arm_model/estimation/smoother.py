@@ -19,14 +19,7 @@ from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveE
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import check_class
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.gaussian import (
-    Gaussian,
-    gain,
-    lower_root,
-    solve_lower,
-    square_of,
-    volume_of,
-)
+from octo_arm_model.estimation.gaussian import Gaussian, lower_root, solve_lower, spread, square_of
 from octo_arm_model.estimation.measurement import Measurement, Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.posterior import gradient, nearest_possible
@@ -177,11 +170,16 @@ class _Pass:
             known, last = self._state.later(known, step.time - last), step.time
             for rows in step.accepted:
                 jacobian = rows.jacobian(at)
-                by = gain(known.root, jacobian, rows.noise_root)
                 left = rows.left(at) + jacobian @ (at.x - known.mean)
-                known = Gaussian(known.mean + by.gain @ left, by.root)
+                told = np.column_stack([left, jacobian @ known.root])
+                white = solve_lower(rows.noise_root, told)
+                after = spread(white[:, 1:])
+                change = after @ (after.T @ (white[:, 1:].T @ white[:, 0]))
+                mean = known.mean + known.root @ change
+                known = Gaussian(mean, lower_root(known.root @ after))
                 if rows.second(at) is not None:
-                    volume += step.bank.agreement.weight * volume_of(by.innovation_root)
+                    volumes = -2.0 * np.log(np.abs(after.diagonal()))
+                    volume += step.bank.agreement.weight * float(volumes.sum())
             known = known._replace(mean=known.mean - known.root @ (known.root.T @ slope))
             found.append(known)
         return found, volume
