@@ -139,7 +139,9 @@ class Estimator:
             moments, place, before = self._with(self._moments, time, made, work)
         except SolveError:
             self.failed += 1
-            if not self._is_lost(time):
+            if self._failing_since is None:
+                self._failing_since = time
+            if not 0.0 < self._rules.recover_after <= time - self._failing_since:
                 raise
             moments, place, before = self._with([], time, made, work)
             self._is_cut, is_new = False, True
@@ -162,13 +164,6 @@ class Estimator:
         names = list(self._models)
         probabilities = dict(zip(names, newest.probability.tolist(), strict=True))
         return EstimatorOutput(estimate, names[number], probabilities, innovations, begins_anew)
-
-    def _is_lost(self, time: float) -> bool:
-        """Whether there has been no shape for so long that the estimate has to begin anew."""
-        if self._failing_since is None:
-            self._failing_since = time
-        after = self._rules.recover_after
-        return after > 0.0 and time - self._failing_since >= after
 
     def _note_refused(self, stamp_ns: int, estimate: Estimate) -> None:
         """Note since when sensors have been refused, of which an ``estimate`` heard."""
