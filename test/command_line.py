@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shlex
 from typing import Any
 
 import numpy as np
@@ -16,31 +17,26 @@ HIGHEST = np.array([[0.1] * 4, [1.0] * 4, [4.0] * 4])
 SOLVE = ('solve', 'renda2012_table4', '--tensions')
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    """Exit status, output and errors of a command."""
-    status = main(arguments)
-    return status, *capsys.readouterr()
-
-
-def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
-    """The JSON that a command prints which is done."""
-    assert main(arguments) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 @dataclasses.dataclass
 class Cli:
-    """`octo-arm` for tests of its own, see the fixture `cli`."""
+    """`octo-arm` for tests of its own, see the fixture `cli`.
+
+    Commands are given by their words, or as one line of a shell.
+    """
 
     capsys: pytest.CaptureFixture[str]
 
     def __call__(self, *arguments: object) -> tuple[int, str, str]:
         """Exit status, output and errors of a command."""
-        return run(self.capsys, *map(str, arguments))
+        words = list(map(str, arguments))
+        status = main(shlex.split(words[0]) if len(words) == 1 else words)
+        return status, *self.capsys.readouterr()
 
     def json(self, *arguments: object) -> Any:
         """What a command prints as JSON which is done."""
-        return printed(self.capsys, *map(str, arguments))
+        status, out, err = self(*arguments)
+        assert status == 0, err
+        return json.loads(out)
 
     def refused(self, *arguments: object, status: int = 2) -> str:
         """The line of a command that is refused, without what all lines begin with."""

@@ -1,7 +1,7 @@
 """Experiments for tests: recordings and shapes of an arm whose truth is known."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -177,6 +177,13 @@ def tension_samples(time: np.ndarray, pulled: np.ndarray, arm: Arm = ARM) -> lis
 def description(**changes: Any) -> Sample:
     """The arm, as the node announces it."""
     return text_sample('/arm_description', parameters_as_yaml({**PARAMETERS, **changes}))
+
+
+def arm_file(folder: Path, parameters: Mapping[str, Any]) -> Path:
+    """The file arm.yaml in a ``folder`` of an arm of these ``parameters``."""
+    path = folder / 'arm.yaml'
+    path.write_text(parameters_as_yaml(parameters))
+    return path
 
 
 def bag_of(path: Path, samples: Sequence[Sample]) -> Path:
