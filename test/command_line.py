@@ -17,6 +17,11 @@ HIGHEST = np.array([[0.1] * 4, [1.0] * 4, [4.0] * 4])
 SOLVE = ('solve', 'renda2012_table4', '--tensions')
 
 
+def _words(arguments: tuple[object, ...]) -> list[str]:
+    words = list(map(str, arguments))
+    return shlex.split(words[0]) if len(words) == 1 else words
+
+
 @dataclasses.dataclass
 class Cli:
     """`octo-arm` for tests of its own, see the fixture `cli`.
@@ -28,9 +33,7 @@ class Cli:
 
     def __call__(self, *arguments: object) -> tuple[int, str, str]:
         """Exit status, output and errors of a command."""
-        words = list(map(str, arguments))
-        status = main(shlex.split(words[0]) if len(words) == 1 else words)
-        return status, *self.capsys.readouterr()
+        return main(_words(arguments)), *self.capsys.readouterr()
 
     def json(self, *arguments: object) -> Any:
         """What a command prints as JSON which is done."""
@@ -48,5 +51,5 @@ class Cli:
     def left(self, *arguments: object) -> tuple[object, str, str]:
         """Exit status, output and errors of a command that argparse ends."""
         with pytest.raises(SystemExit) as leave:
-            main(list(map(str, arguments)))
+            main(_words(arguments))
         return leave.value.code, *self.capsys.readouterr()

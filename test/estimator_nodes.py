@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, PoseArray, PoseWithCovarianceStamped, WrenchStamped
-from live_nodes import RosClient, hosting
+from live_nodes import RosClient, hosting, xyz
 from octo_arm_msgs.msg import BackboneCovariance, TendonTensions
 from sensor_msgs.msg import JointState
 
@@ -36,24 +36,20 @@ OUTPUTS = {
     'tension_bias': TendonTensions,
     'tendon_tension_estimates': TendonTensions,
 }
-ARGUMENTS = [
-    word
-    for name, value in {
-        'stations': STATIONS,
-        # A busy machine takes seconds from the last measurement to the diagnosis of it.
-        'diagnostics.silence_limit': 1e6,
-        'tension_stddev': NOISE['tension'],
-        'estimator.force_stddev': 0.01,
-        'estimator.tension_rate': 0.05,
-        'estimator.marker_s': list(MARKER_S),
-        'estimator.marker_stddev': NOISE['position'],
-        'estimator.base_force_stddev': NOISE['force'],
-        'estimator.base_moment_stddev': NOISE['moment'],
-        'solve_budget.seconds': 60.0,
-        **{f'qos_overrides./{topic}.subscription.reliability': 'reliable' for topic in INPUTS},
-    }.items()
-    for word in ('-p', f'{name}:={value}')
-]
+GIVEN = {
+    'stations': STATIONS,
+    # A busy machine takes seconds from the last measurement to the diagnosis of it.
+    'diagnostics.silence_limit': 1e6,
+    'tension_stddev': NOISE['tension'],
+    'estimator.force_stddev': 0.01,
+    'estimator.tension_rate': 0.05,
+    'estimator.marker_s': list(MARKER_S),
+    'estimator.marker_stddev': NOISE['position'],
+    'estimator.base_force_stddev': NOISE['force'],
+    'estimator.base_moment_stddev': NOISE['moment'],
+    'solve_budget.seconds': 60.0,
+    **{f'qos_overrides./{topic}.subscription.reliability': 'reliable' for topic in INPUTS},
+}
 
 
 class EstimatorClient(RosClient):
@@ -158,19 +154,11 @@ class EstimatorClient(RosClient):
 
     def wrench(self, topic='tip_wrench/estimate'):
         """The force of the newest wrench [N], and the standard deviations of its components."""
-        force = self.newest(topic).wrench.force
+        force = xyz(self.newest(topic).wrench.force)
         covariance = np.reshape(self.newest('backbone/covariance').contact, (6, 6))
-        return np.array([force.x, force.y, force.z]), np.sqrt(covariance.diagonal()[:3])
+        return force, np.sqrt(covariance.diagonal()[:3])
 
 
-def estimating_here(make_node, *arguments, domain=None):
+def estimating_here(make_node, domain=None):
     """A node in this process that its client spins."""
-    return hosting(
-        make_node,
-        *ARGUMENTS,
-        *arguments,
-        files=(FILE,),
-        client=EstimatorClient,
-        node='octo_arm_estimator',
-        domain=domain,
-    )
+    return hosting(make_node, files=(FILE,), client=EstimatorClient, domain=domain, **GIVEN)

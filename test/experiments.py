@@ -18,7 +18,7 @@ from recordings import (
     write_bag,
 )
 
-from octo_arm_model import Arm, Config
+from octo_arm_model import Config
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.midlines import resample
@@ -160,17 +160,19 @@ def nanoseconds(time: float) -> int:
     return START + round(time * 1e9)
 
 
-def tension_samples(time: np.ndarray, pulled: np.ndarray, arm: Arm = ARM) -> list[Sample]:
-    """Messages of the tension of the first tendon."""
+def tension_samples(time: np.ndarray, pulled: Sequence[Any]) -> list[Sample]:
+    """Messages of the tension of the first tendon, or the tensions of all."""
     kind = 'octo_arm_msgs/msg/TendonTensions'
     return [
         Sample(
             '/tendon_tensions',
             kind,
             nanoseconds(at),
-            tensions_data(kind, arm.tendon_names, one_tendon(tension), nanoseconds(at)),
+            tensions_data(
+                kind, ARM.tendon_names, row if np.ndim(row) else one_tendon(row), nanoseconds(at)
+            ),
         )
-        for at, tension in zip(time, pulled)
+        for at, row in zip(time, pulled)
     ]
 
 

@@ -17,6 +17,7 @@ from functools import partial
 import numpy as np
 import rclpy
 from backbone_messages import assert_hold
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from lifecycle_msgs.srv import ChangeState
@@ -28,13 +29,16 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_domains import new_domain, reserved_domain
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import load_config
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros import start
+from octo_arm_model.ros.estimator.main import EstimatorNode, ManagedEstimatorNode
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.main import ManagedOctoArmNode, OctoArmNode, make_executor
+from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.ros.start import read_here
 from octo_arm_model.ros.topics import message_class
@@ -50,21 +54,21 @@ NAMES = list(CONFIG.arm.tendon_names)
 # Nodes in this process report and warn more often than those in processes of their own, each
 # second: most of the time of their tests would be waiting for that.
 diagnostics.PERIOD = start.WARNING_PERIOD = 0.2
-# What makes the nodes, and their names.
-NODES = {
-    'node': (OctoArmNode, 'octo_arm'),
-    'lifecycle': (ManagedOctoArmNode, 'octo_arm'),
-    'simulator': (SimulatorNode, 'octo_arm_sim'),
+NODES = {'node': OctoArmNode, 'lifecycle': ManagedOctoArmNode, 'simulator': SimulatorNode}
+# Names of nodes that are not of an arm.
+_OTHERS = {
+    SimulatorNode: 'octo_arm_sim',
+    EstimatorNode: 'octo_arm_estimator',
+    ManagedEstimatorNode: 'octo_arm_estimator',
 }
 INPUTS = {topic: message_class(kind.type_name) for topic, kind in TENSION_TOPICS.items()}
 # Inputs of the node as reliable as its outputs, for tests that count every message.
-RELIABLE = [
-    word
+RELIABLE = {
+    f'qos_overrides./{topic}.subscription.reliability': 'reliable'
     for topic in (*INPUTS, 'tip_wrench')
-    for word in ('-p', f'qos_overrides./{topic}.subscription.reliability:=reliable')
-]
+}
 # What is not about the budget has one that a busy machine keeps to.
-AFFORDED = ('-p', 'solve_budget.seconds:=60.0')
+AFFORDED = {'solve_budget.seconds': 60.0}
 OUTPUTS = {
     'backbone/path': Path,
     'backbone/poses': PoseArray,
@@ -98,10 +102,16 @@ def start(module, *arguments, domain, **variables):
     )
 
 
-def start_node(module, domain, *arguments, files=(CONFIG_FILE,)):
-    """Run a node with parameter ``files`` and further ROS ``arguments``."""
-    given = [word for file in files for word in ('--params-file', file)]
-    return start(module, '--ros-args', *given, *arguments, domain=domain)
+def _of_ros(files, arguments, parameters):
+    """Arguments of a node: parameter ``files``, others, and parameters, `__` for `.`."""
+    given = [word for file in files for word in ('--params-file', str(file))]
+    named = {name.replace('__', '.'): value for name, value in parameters.items()}
+    return ['--ros-args', *given, *map(str, arguments), *parameter_arguments(named)]
+
+
+def start_node(module, domain, *arguments, files=(CONFIG_FILE,), **parameters):
+    """Run a node as a process."""
+    return start(module, *_of_ros(files, arguments, parameters), domain=domain)
 
 
 def stop(process, how=signal.SIGINT):
@@ -149,6 +159,11 @@ def setting(path, value):
     return change
 
 
+def xyz(point):
+    """A point or vector of a message, (3,)."""
+    return np.array([point.x, point.y, point.z])
+
+
 def spin_until(executor, condition):
     end = time.monotonic() + DEADLINE
     while not condition():
@@ -190,12 +205,25 @@ class RosClient:
         for _ in range(20):
             self.executor.spin_once(timeout_sec=0.0)
 
-    def wait(self, condition, what):
+    def wait(self, condition, what, again=lambda: None):
+        """Spin, doing something ``again`` and again, until ``condition``, which is returned."""
         end = time.monotonic() + DEADLINE
+        again()
         while not (found := condition()):
             assert time.monotonic() < end, f'{what} did not happen in {DEADLINE} s'
             self.spin()
+            again()
         return found
+
+    def teller(self, kind, topic, qos=10):
+        """What publishes messages of ``kind``, given whole or by their fields."""
+        publisher = self.node.create_publisher(kind, topic, qos)
+        return lambda message=None, **fields: publisher.publish(message or kind(**fields))
+
+    def clock(self):
+        """What tells nodes on simulated time a time [s], and whole nanoseconds more."""
+        tell = self.teller(Clock, '/clock')
+        return lambda sec, nanosec=0: tell(clock=Time(sec=sec, nanosec=nanosec))
 
     def service(self, kind, name):
         """The client of the service ``name``, which is ready."""
@@ -278,9 +306,17 @@ class RosClient:
         status = said()[-1]
         return status, {value.key: value.value for value in status.values}
 
-    def log(self, words):
-        """Wait for a line of the log that has ``words``."""
-        self.wait(lambda: any(words in log.msg for log in self.logs), f'{words} in the log')
+    def told(self):
+        """What all statuses say that were heard."""
+        return [status.message for message in self.diagnostics for status in message.status]
+
+    def log(self, *words, again=lambda: None):
+        """Wait for a line of the log that has all ``words``, doing something ``again``."""
+
+        def is_logged():
+            return any(all(one in log.msg for one in words) for log in self.logs)
+
+        self.wait(is_logged, f'{words} in the log', again)
 
 
 class NodeClient(RosClient):
@@ -356,25 +392,37 @@ class NodeClient(RosClient):
     def ask(self, topic, tensions, names=None):
         """Publish and wait for the answer on every topic, in the order of OUTPUTS."""
         before = {name: len(got) for name, got in self.answers.items()}
-        stamp = self.send(topic, tensions, names)
+        return self.answered(self.send(topic, tensions, names), topic, before)
 
-        def answered():
+    def answered(self, stamp, topic, before=None):
+        """Wait for answers with this ``stamp`` [s], or where it is None for more than before."""
+
+        def has_come(name, got):
             if stamp is None:
-                return all(len(got) > before[name] for name, got in self.answers.items())
-            return all(got and got[-1].header.stamp.sec == stamp for got in self.answers.values())
+                return len(got) > before[name]
+            return got and got[-1].header.stamp.sec == stamp
 
-        self.wait(answered, f'an answer to {topic}')
+        self.wait(lambda: all(has_come(*one) for one in self.answers.items()), f'one to {topic}')
         return [self.answers[name][-1] for name in OUTPUTS]
 
 
 @contextlib.contextmanager
 def running(
-    module, *arguments, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm', domain=None
+    module,
+    *arguments,
+    files=(CONFIG_FILE,),
+    client=NodeClient,
+    node='octo_arm',
+    domain=None,
+    **parameters,
 ):
-    """A node in a domain of its own, or one given, and its client, which has its ``process``."""
+    """A node in a domain of its own, or one given, and its client, which has its ``process``.
+
+    Parameters are given by name, with `__` for `.`, beside other ``arguments`` of ROS.
+    """
     given = contextlib.nullcontext(domain)
     with reserved_domain() if domain is None else given as domain:
-        process = start_node(module, domain, *arguments, files=files)
+        process = start_node(module, domain, *arguments, files=files, **parameters)
         connected = client(domain, node)
         connected.process = process
         try:
@@ -393,17 +441,18 @@ def running(
 
 @contextlib.contextmanager
 def hosting(
-    make_node, *arguments, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm', domain=None
+    make_node, *arguments, files=(CONFIG_FILE,), client=None, node=None, domain=None, **parameters
 ):
     """As `running`, with a node in this process that works while its client waits.
 
     It costs a tenth of the processor time of a process, which imports everything anew. Of nodes
     of one name in a process only the first is heard in /rosout.
     """
+    node = node or _OTHERS.get(make_node, 'octo_arm')
+    client = client or (RosClient if make_node in _OTHERS else NodeClient)
     connected, made = client(domain or new_domain(), node), None
-    given = [word for file in files for word in ('--params-file', str(file))]
     try:
-        of_ros = ['--ros-args', '-r', f'__node:={node}', *given, *map(str, arguments)]
+        of_ros = _of_ros(files, ['-r', f'__node:={node}', *arguments], parameters)
         with read_here(of_ros) as cli_args:
             made = make_node(
                 context=connected.context, cli_args=cli_args, use_global_arguments=False
@@ -455,8 +504,7 @@ def assert_is_backbone(answers, tensions):
 
 def tip_of(answers):
     """Position of the tip (3,) [m] in what `NodeClient.ask` returns."""
-    place = answers[3].pose.pose.position
-    return [place.x, place.y, place.z]
+    return xyz(answers[3].pose.pose.position)
 
 
 def file_with(folder, old, new):

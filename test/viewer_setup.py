@@ -18,8 +18,8 @@ class Setup:
 
     def __init__(self):
         self.domain = new_domain()
-        self.node = self.start_node()
-        self._simulator = self._start(SimulatorNode, 'octo_arm_sim', '-p', 'rate:=10.0')
+        self.node = self._start(OctoArmNode)
+        self._simulator = self._start(SimulatorNode, rate=10.0)
         # Its port is taken already, so it has to look for another.
         with socket.create_server(('127.0.0.1', 0)) as taken:
             self.port = taken.getsockname()[1]
@@ -33,14 +33,11 @@ class Setup:
         self.client = ArmClient(rclpy.create_node('listener', context=self.context))
         self.client.listen({**POSES, **DETAILS})
 
-    def start_node(self):
-        return self._start(OctoArmNode, 'octo_arm')
-
-    def _start(self, make_node, name, *arguments):
+    def _start(self, make_node, **parameters):
         """A node that works until what is returned is closed."""
         with contextlib.ExitStack() as stack:
-            given = {'client': RosClient, 'node': name, 'domain': self.domain}
-            client = stack.enter_context(hosting(make_node, *arguments, **given))
+            given = {'client': RosClient, 'domain': self.domain, **parameters}
+            client = stack.enter_context(hosting(make_node, **given))
             stack.enter_context(spinning(client))
             return stack.pop_all()
 

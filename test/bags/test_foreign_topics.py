@@ -1,15 +1,26 @@
 """What is read of which topics: tensions of any type under any name, and what estimators read."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-import recordings
 from experiments import ARM, bag_of, description, nanoseconds
 from labs import MARKER_S, TIP_ERRORS, pose_array, seen, staircase_of
 from numpy.testing import assert_array_equal
-from recordings import Sample, header, make, message
+from recordings import (
+    START,
+    Sample,
+    displacement_sample,
+    header,
+    make,
+    message,
+    point,
+    pose,
+    tensions_data,
+    write_bag,
+)
 
 from octo_arm_model.arm.errors import BagError, TensionError
 from octo_arm_model.bags.reader import BagReader
@@ -33,48 +44,33 @@ STILL = ['--clock-offset', '0', '--json']
 CELLS = '/daq/cells'
 
 
-def layout() -> Any:
-    return make('std_msgs/msg/MultiArrayLayout', dim=[], data_offset=0)
+def array(size: int, data: list[float], stamp: int) -> Sample:
+    kind, layout = f'std_msgs/msg/Float{size}MultiArray', 'std_msgs/msg/MultiArrayLayout'
+    numbers = np.array(data, f'f{size // 8}')
+    return message(CELLS, kind, stamp, layout=make(layout, dim=[], data_offset=0), data=numbers)
 
 
 def float32(pull: float, stamp: int) -> Sample:
-    data = np.array([0.0, 0.0, pull, 0.0], np.float32)
-    return message(CELLS, 'std_msgs/msg/Float32MultiArray', stamp, layout=layout(), data=data)
+    return array(32, [0.0, 0.0, pull, 0.0], stamp)
 
 
 def six_channels(pull: float, stamp: int) -> Sample:
-    data = np.array([20.5, 0.0, 3.3, pull, 0.0, 0.0])
-    return message(CELLS, 'std_msgs/msg/Float64MultiArray', stamp, layout=layout(), data=data)
+    return array(64, [20.5, 0.0, 3.3, pull, 0.0, 0.0], stamp)
 
 
 def joints(pull: float, stamp: int) -> Sample:
+    fields = dict.fromkeys(('position', 'velocity'), np.zeros(0))
+    fields['effort'] = np.array([7.0, 0.0, 0.0, 0.0, pull])
     names = ['elbow', 'LC west', 'LC south', 'LC east', 'LC north']
-    none = np.zeros(0)
-    return message(
-        CELLS,
-        'sensor_msgs/msg/JointState',
-        stamp,
-        header=header(stamp),
-        name=names,
-        position=none,
-        velocity=none,
-        effort=np.array([7.0, 0.0, 0.0, 0.0, pull]),
-    )
+    kind = 'sensor_msgs/msg/JointState'
+    return message(CELLS, kind, stamp, header=header(stamp), name=names, **fields)
 
 
 def wrench(pull: float, stamp: int) -> Sample:
-    force, none = ({'x': 1.0, 'y': 2.0, 'z': pull}, {'x': 0.0, 'y': 0.0, 'z': 0.0})
-    both = {
-        name: make('geometry_msgs/msg/Vector3', **one)
-        for name, one in (('force', force), ('torque', none))
-    }
-    return message(
-        CELLS,
-        'geometry_msgs/msg/WrenchStamped',
-        stamp,
-        header=header(stamp),
-        wrench=make('geometry_msgs/msg/Wrench', **both),
-    )
+    force, none = (point(one, 'Vector3') for one in ((1.0, 2.0, pull), (0.0, 0.0, 0.0)))
+    both = make('geometry_msgs/msg/Wrench', force=force, torque=none)
+    kind = 'geometry_msgs/msg/WrenchStamped'
+    return message(CELLS, kind, stamp, header=header(stamp), wrench=both)
 
 
 def bag(path: Path, cell: Any) -> str:
@@ -109,7 +105,7 @@ def test_any_numbers_are_tensions_where_it_is_said_whose(way, tmp_path, cli):
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
     topics = ['--topics', *topic[1:]] if topic else []
-    out = str(tmp_path / 'out')
+    out = tmp_path / 'out'
     replayed = cli.json('replay', path, out, *topics, '--tendons', *tendons, '--json')
     (report,) = replayed['topics'].values()
     assert report['answered'] == len(staircase_of()[0])
@@ -130,11 +126,7 @@ def test_any_numbers_are_tensions_where_it_is_said_whose(way, tmp_path, cli):
         (joints, ['--tendons', 'a', 'b', 'c', 'd'], "no value 'a' for tendon_1_1; there are elbo"),
         (joints, ['--tendons', 'a'], 'tension_names has 1 values, expected 4, one per tendon'),
         (joints, ['--tendons', 'a', 'a', '-', '-'], 'expected distinct names or -'),
-        (
-            joints,
-            ['--tendons', '-', '-', '-', '-'],
-            'expected distinct names or -, one name at least',
-        ),
+        (joints, ['--tendons', *'----'], 'expected distinct names or -, one name at least'),
     ],
 )
 def test_what_fits_no_tendon_is_refused_and_says_what_there_is(
@@ -144,33 +136,16 @@ def test_what_fits_no_tendon_is_refused_and_says_what_there_is(
 
 
 def test_fields_of_messages_hold_numbers_or_are_refused():
-    class Inner:
-        value = 2.5
-        text = 'x'
-        many = np.arange(3, dtype=np.float32)
-        rows = ((1.0, 2.0), (3.0,))
-
-    class Outer:
-        inner = Inner()
-        bits = (True,)
-
-    assert field_values(Outer(), 'inner.value') == [2.5]
-    assert field_values(Outer(), 'inner.many[1]') == [1.0]
-    assert_array_equal(field_values(Outer(), 'inner.many'), [0.0, 1.0, 2.0])
-    for path in (
-        'inner',
-        'inner.text',
-        'inner.rows',
-        'bits',
-        'inner.__class__',
-        '',
-        'inner.',
-        'inner.many[3]',
-        'inner.value[0]',
-        'inner.many[-1]',
-    ):
+    many, rows = np.arange(3, dtype=np.float32), ((1.0, 2.0), (3.0,))
+    inner = SimpleNamespace(value=2.5, text='x', many=many, rows=rows)
+    outer = SimpleNamespace(inner=inner, bits=(True,))
+    assert field_values(outer, 'inner.value') == [2.5]
+    assert field_values(outer, 'inner.many[1]') == [1.0]
+    assert_array_equal(field_values(outer, 'inner.many'), [0.0, 1.0, 2.0])
+    no_numbers = 'inner', 'inner.text', 'inner.rows', 'bits', 'inner.__class__', '', 'inner.'
+    for path in (*no_numbers, 'inner.many[3]', 'inner.value[0]', 'inner.many[-1]'):
         with pytest.raises(TensionError):
-            field_values(Outer(), path)
+            field_values(outer, path)
 
 
 def test_a_name_that_is_there_twice_is_refused_where_it_is_wanted():
@@ -186,35 +161,35 @@ NAMES = CONFIG.arm.tendon_names
 MILLISECOND = 10**6
 
 
-def tensions(at: int, row: list[float], topic: str = '/tendon_tensions') -> recordings.Sample:
+def tensions(at: int, row: list[float], topic: str = '/tendon_tensions') -> Sample:
     kind = 'octo_arm_msgs/msg/TendonTensions'
-    data = recordings.tensions_data(kind, NAMES, row, recordings.START + at * MILLISECOND)
-    return recordings.Sample(topic, kind, recordings.START + (at + 3) * MILLISECOND, data)
+    data = tensions_data(kind, NAMES, row, START + at * MILLISECOND)
+    return Sample(topic, kind, START + (at + 3) * MILLISECOND, data)
 
 
-def encoders(at: int, topic: str = '/tendon_displacements') -> recordings.Sample:
-    stamp = recordings.START + at * MILLISECOND
-    return recordings.displacement_sample(NAMES, np.full(4, 1e-3), stamp, topic, 40 * MILLISECOND)
+def encoders(at: int, topic: str = '/tendon_displacements') -> Sample:
+    stamp = START + at * MILLISECOND
+    return displacement_sample(NAMES, np.full(4, 1e-3), stamp, topic, 40 * MILLISECOND)
 
 
-def markers(at: int, count: int = 1, topic: str = '/measured/markers') -> recordings.Sample:
-    stamp = recordings.START + at * MILLISECOND
-    return recordings.message(
+def markers(at: int, count: int = 1, topic: str = '/measured/markers') -> Sample:
+    stamp = START + at * MILLISECOND
+    return message(
         topic,
         'geometry_msgs/msg/PoseArray',
         stamp + 90 * MILLISECOND,
-        header=recordings.header(stamp, 'arm_base'),
-        poses=count * [recordings.pose(np.zeros(3))],
+        header=header(stamp, 'arm_base'),
+        poses=count * [pose(np.zeros(3))],
     )
 
 
 def read(
-    path: Path, content: list[recordings.Sample]
+    path: Path, content: list[Sample]
 ) -> tuple[SensorTopics, RecordedTensions, list, Refusals]:
     """The sensors of a bag, tensions, all that is measured by its stamps, and what is left out."""
     noise = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG).noise
     content, refusals = sorted(content, key=lambda one: one.received_ns), Refusals()
-    with BagReader(recordings.write_bag(path, content)) as reader:
+    with BagReader(write_bag(path, content)) as reader:
         sensors = find_sensors(reader)
         rows = read_tension_rows(reader, sensors, CONFIG, refusals)
         groups = read_measured(reader, sensors, rows, MeasuredArm(CONFIG, noise), refusals)
@@ -237,10 +212,7 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
     assert sensors.prefix == '/'
     assert sorted(rows.rows[:, 0]) == [-0.01, 0.1, 0.3]
     found = [
-        (
-            (group[0].stamp_ns - recordings.START) // MILLISECOND,
-            [one.measurement.name for one in group],
-        )
+        ((group[0].stamp_ns - START) // MILLISECOND, [one.measurement.name for one in group])
         for group in groups
     ]
     assert found == [
@@ -254,13 +226,13 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
 
 
 def test_messages_that_measure_nothing_are_told(tmp_path):
-    broken = 'geometry_msgs/msg/PoseArray', recordings.START, b'\0\1\0\0broken'
+    broken = 'geometry_msgs/msg/PoseArray', START, b'\0\1\0\0broken'
     content = [
         tensions(0, [np.nan, 0, 0, 0]),
         markers(5, 2),
         tensions(10, [0.1, 0, 0, 0]),
         tensions(20, [0, 0, -1e200, 0]),
-        recordings.Sample('/measured/markers', *broken),
+        Sample('/measured/markers', *broken),
     ]
     _, rows, groups, refusals = read(tmp_path / 'bag', content)
     assert len(groups) == 1 and rows.rows.tolist() == [[0.1, 0.0, 0.0, 0.0]]
@@ -283,7 +255,7 @@ def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path):
 
 def test_topics_of_tensions_without_a_message_are_none(tmp_path):
     silent = dict.fromkeys(('/tendon_tensions', '/cells'), 'std_msgs/msg/Float64MultiArray')
-    path = recordings.write_bag(tmp_path / 'bag', [encoders(0)], silent=silent)
+    path = write_bag(tmp_path / 'bag', [encoders(0)], silent=silent)
     with BagReader(path) as reader:
         assert find_sensors(reader).tensions is None
 
@@ -296,7 +268,7 @@ def test_topics_are_named_or_left_out(tmp_path):
         markers(0, topic='/mocap/points'),
         encoders(0),
     ]
-    with BagReader(recordings.write_bag(tmp_path / 'bag', content)) as reader:
+    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
         assert find_sensors(reader).tensions.topic == '/tendon_tensions'
         found = find_sensors(
             reader,
@@ -320,5 +292,5 @@ def test_estimates_of_an_estimator_are_no_measurements(tmp_path):
         tensions(0, [0.1, 0, 0, 0], topic)
         for topic in ('/tension_bias', '/tendon_tension_estimates', '/cells')
     ]
-    with BagReader(recordings.write_bag(tmp_path / 'bag', content)) as reader:
+    with BagReader(write_bag(tmp_path / 'bag', content)) as reader:
         assert find_sensors(reader).all == ['/cells']

@@ -1,6 +1,5 @@
 """Replay: the shapes of tensions and displacements in a bag, as the node answers them."""
 
-import csv
 import dataclasses
 import os
 import signal
@@ -283,41 +282,34 @@ def test_what_cannot_be_answered_is_left_out_and_reported(tmp_path, cli):
     assert f'{(START + 100 * STEP) * 1e-9:.6f} s: tension of tendon_2_1 is nan N' in out
 
 
+ONES = samples(ARM, np.ones((3, 12)))
+
+
 @pytest.mark.parametrize(
     ('content', 'options', 'status', 'expected'),
     [
-        (samples(ARM, np.full((3, 12), -1.0)), (), 2, 'none of 3 messages on /tendon_tensions'),
-        (samples(ARM, np.full((3, 12), 1e5)), (), 1, 'none of 3 messages on /tendon_tensions'),
-        ([], (), 2, 'no tensions, expected octo_arm_msgs/msg/TendonTensions or std_msgs'),
-        (samples(ARM, np.ones((3, 12))), ('--topics', '/pulls'), 2, 'no topic /pulls for tens'),
+        (samples(ARM, np.full((3, 12), -1.0)), '', 2, 'none of 3 messages on /tendon_tensions'),
+        (samples(ARM, np.full((3, 12), 1e5)), '', 1, 'none of 3 messages on /tendon_tensions'),
+        ([], '', 2, 'no tensions, expected octo_arm_msgs/msg/TendonTensions or std_msgs'),
+        (ONES, '--topics /pulls', 2, 'no topic /pulls for tens'),
         (
-            samples(ARM, np.ones((3, 12))),
-            ('--topics', 'tendon_tensions', '/tendon_tensions:tension'),
+            ONES,
+            '--topics tendon_tensions /tendon_tensions:tension',
             2,
             '--topics names tendon_tensions /tendon_tensions:tension, expected each topic once',
         ),
-        (samples(ARM, np.ones((3, 12))), ('--config', 'octopus'), 2, "no preset arm 'octopus'"),
-        (
-            samples(ARM, np.ones((3, 12))),
-            ('--config', 'renda2012_prototype'),
-            2,
-            'could be answered, 3 as unknown tendon tendon_2_1',
-        ),
-        (
-            samples(ARM, np.ones((3, 12))),
-            ('--config', 'rao2021', '--model', 'renda2012'),
-            2,
-            "model is 'renda2012', which does not cover",
-        ),
+        (ONES, '--config octopus', 2, "no preset arm 'octopus'"),
+        (ONES, '--config renda2012_prototype', 2, 'answered, 3 as unknown tendon tendon_2_1'),
+        (ONES, '--config rao2021 --model renda2012', 2, "is 'renda2012', which does not cover"),
     ],
 )
 def test_where_there_is_nothing_to_answer_there_is_no_bag(
     tmp_path, cli, content, options, status, expected
 ):
     bag = write_bag(tmp_path / 'in', [DESCRIPTION, *content])
-    found, _, error = cli('replay', bag, tmp_path / 'out', *options)
-    assert found == status and error.splitlines()[-1].startswith('octo-arm: error: ')
-    assert expected in error.splitlines()[-1]
+    found, _, error = cli(f'replay {bag} {tmp_path}/out {options}')
+    *_, line = error.splitlines()
+    assert found == status and line.startswith('octo-arm: error: ') and expected in line
     assert [path.name for path in tmp_path.iterdir()] == ['in']
 
 
@@ -399,9 +391,6 @@ def test_memory_is_bounded_whatever_the_length(tmp_path, monkeypatch):
     assert peak < (24 + 12) * 2**20
 
 
-# Beside the node --------------------------------------------------------------------------------
-
-
 # Displacements -----------------------------------------------------------------------------------
 
 
@@ -448,52 +437,44 @@ def tips(path: Path) -> dict[int, list[float]]:
     return {stamp // FIRST - 1: [tip.x, tip.y, tip.z] for stamp, tip in poses}
 
 
-def test_displacements_alone_give_back_shapes_and_tensions(cli, tmp_path):
+def test_winches_and_load_cells_drive_different_tendons_until_all_are_let_go(tmp_path, cli):
     solver = Config.from_parameters(PARAMETERS).solver()
     shapes = [solver.solve(part * PULL) for part in (0.4, 0.7, 1.0)]
-    reeled = [displacements_of(solver, shape).ravel().tolist() for shape in shapes]
-    bag = bag_of(tmp_path / 'in', [dict(zip(ARM.tendon_names, row)) for row in reeled])
+    names = ARM.tendon_names
+    reeled = [dict(zip(names, displacements_of(solver, one).ravel().tolist())) for one in shapes]
+    bag = bag_of(tmp_path / 'in', [*reeled, {}, PULL, HALF, 1.2 * PULL, {'elbow': 0.1}, {}])
     table = tmp_path / 'table'
-    assert cli('replay', bag, tmp_path / 'out', '--csv', table)[0] == 0
-    found = tips(tmp_path / 'out')
-    assert_allclose([found[n] for n in range(3)], [one.tip for one in shapes], atol=1e-8)
-    estimates = replayed(tmp_path / 'out', ESTIMATES)
-    expected = [shape.tensions.ravel() for shape in shapes]
-    assert_allclose([one.tension for one in estimates], expected, atol=1e-7)
-    assert {tuple(one.name) for one in estimates} == {ARM.tendon_names}
-    rows = list(csv.reader((table / 'tensions.csv').open(encoding='utf-8')))[1:]
-    assert_allclose(np.array(rows, float)[:, 1:], expected, atol=1e-7)
-
-
-def test_winches_and_load_cells_drive_different_tendons_until_all_are_let_go(tmp_path, cli):
-    inputs = [{}, PULL, HALF, 1.2 * PULL, {'elbow': 0.1}, {}]
-    bag = bag_of(tmp_path / 'in', inputs)
-    table = ['--csv', str(tmp_path / 'table')]
-    report = cli.json('replay', bag, tmp_path / 'out', '--json', *table)['topics']
+    report = cli.json('replay', bag, tmp_path / 'out', '--json', '--csv', table)['topics']
     assert report['/tendon_tensions']['answered'] == 2
     winches = report['/tendon_displacements']
-    assert (winches['answered'], winches['refused']) == (3, 1)
+    assert (winches['answered'], winches['refused']) == (6, 1)
     ((stamp, reason),) = winches['skips']
-    assert stamp == 5 * FIRST and reason.startswith('unknown tendon elbow')
-    solver = Config.from_parameters(PARAMETERS).solver()
-    found = tips(tmp_path / 'out')
-    expected = {0: solver.solve(0.0 * PULL), 1: solver.solve(PULL), 5: solver.solve(1.2 * PULL)}
-    for number, tensions in ((2, PULL), (3, 1.2 * PULL)):
-        named = dict(zip(ARM.tendon_names, tensions.ravel().tolist()))
+    assert stamp == 8 * FIRST and reason.startswith('unknown tendon elbow')
+    # Displacements alone give back shapes and tensions; of none all tendons are slack.
+    expected = dict(enumerate([*shapes, solver.solve(0.0 * PULL), solver.solve(PULL)]))
+    for number, tensions in ((5, PULL), (6, 1.2 * PULL)):
+        named = dict(zip(names, tensions.ravel().tolist()))
         others = {name: value for name, value in named.items() if name not in HALF}
         expected[number] = solve_displacements(solver, HALF, others).backbone
+    expected[8] = solver.solve(1.2 * PULL)
+    found = tips(tmp_path / 'out')
     assert found.keys() == expected.keys()
     for number, shape in expected.items():
         assert_allclose(found[number], shape.tip, atol=1e-8)
     # Estimates are those of shapes with tendons driven by length.
-    stamps = [one.header.stamp.nanosec for one in replayed(tmp_path / 'out', ESTIMATES)]
-    assert stamps == [3 * FIRST, 4 * FIRST]
-    rows = {
-        name: list(csv.reader((tmp_path / 'table' / f'tensions_{name}.csv').open()))[1:]
+    estimates = replayed(tmp_path / 'out', ESTIMATES)
+    driven = [0, 1, 2, 5, 6]
+    assert [one.header.stamp.nanosec // FIRST - 1 for one in estimates] == driven
+    pulls = [expected[number].tensions.ravel() for number in driven]
+    assert_allclose([one.tension for one in estimates], pulls, atol=1e-7)
+    assert {tuple(one.name) for one in estimates} == {names}
+    of_cells, of_winches = (
+        np.loadtxt(table / f'tensions_{name}.csv', delimiter=',', skiprows=1)[:, 1:]
         for name in ('tendon_tensions', 'tendon_displacements')
-    }
-    assert [len(one) for one in rows.values()] == [2, 3]
-    assert not np.array(rows['tendon_displacements'][0][1:], float).any()
+    )
+    assert len(of_cells) == 2 and len(of_winches) == 6
+    assert_allclose(of_winches[:3], pulls[:3], atol=1e-7)
+    assert not of_winches[3].any()
 
 
 def test_named_topics_are_all_that_is_read(cli, tmp_path):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from experiments import arm_file
 from numpy.testing import assert_allclose, assert_array_equal
 from recordings import START, displacement_sample, samples, text_sample, write_bag
 
@@ -13,8 +14,8 @@ from octo_arm_model.cli.main import main
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.simulation.moving_arm import Moment, draw_motion
 
-ARM = ('renda2012_table4', '--density', '1080', '--viscosity', '300', '--stations', '11')
-WATER = ('--fluid-density', '1000', '--water', 'renda2018')
+ARM = 'renda2012_table4 --density 1080 --viscosity 300 --stations 11'
+WATER = '--fluid-density 1000 --water renda2018'
 PROFILE = """\
 times: [0.0, 0.1, 0.3]
 tensions:
@@ -32,7 +33,7 @@ def profile(tmp_path):
     return str(path)
 
 
-SIMULATE = ('simulate', *ARM, *WATER)
+SIMULATE = f'simulate {ARM} {WATER}'
 
 
 def test_a_simulation_is_the_same_in_bag_and_table(profile, tmp_path, cli):
@@ -41,8 +42,8 @@ def test_a_simulation_is_the_same_in_bag_and_table(profile, tmp_path, cli):
     from octo_arm_model.wire.backbone import read_poses
 
     bag, table, again = (tmp_path / name for name in ('bag', 'table.csv', 'again.csv'))
-    held = *SIMULATE, profile, '--hold', '0.1', '--csv'
-    status, out, err = cli(*held, table, '--out', bag)
+    held = f'{SIMULATE} {profile} --hold 0.1 --csv'
+    status, out, err = cli(f'{held} {table} --out {bag}')
     assert status == 0 and out.startswith('0.4 s simulated in') and '20 moments in' in err
     names = table.read_text().partition('\n')[0].split(',')
     assert names[:3] == ['time', 'tip_x', 'tip_y'] and names[-1] == 'tendon_3_4'
@@ -57,14 +58,14 @@ def test_a_simulation_is_the_same_in_bag_and_table(profile, tmp_path, cli):
     assert_allclose(last[-1, :3], rows[-1, 1:4], rtol=1e-6)
     # It lags behind its equilibrium, and the same options give the same numbers.
     assert np.abs(rows[-1, 4:7]).max() > 1e-3
-    assert cli(*held, again)[0] == 0
+    assert cli(f'{held} {again}')[0] == 0
     assert again.read_bytes() == table.read_bytes()
 
 
 def test_pictures_of_a_simulation(profile, tmp_path, cli):
     matplotlib = pytest.importorskip('matplotlib.image')
     plot, gif = tmp_path / 'motion.png', tmp_path / 'motion.gif'
-    assert cli(*SIMULATE, profile, '--rate', '10', '--plot', plot, '--animate', gif)[0] == 0
+    assert cli(f'{SIMULATE} {profile} --rate 10 --plot {plot} --animate {gif}')[0] == 0
     assert np.ptp(matplotlib.imread(plot)) > 0.5
     assert gif.read_bytes().startswith(b'GIF8')
     # An obstacle is in the picture where it is near the arm.
@@ -77,31 +78,30 @@ def test_pictures_of_a_simulation(profile, tmp_path, cli):
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'message'),
+    ('command', 'message'),
     [
-        ((*SIMULATE, 'PROFILE', '--model', 'renda2012'), 'does not move: expected exact'),
-        ((*SIMULATE, 'PROFILE', '--rate', '1e4'), 'at most one moment for each step'),
-        ((*SIMULATE, 'PROFILE', '--step', '0'), 'step is 0'),
-        ((*SIMULATE, 'PROFILE', '--hold', '1e9'), 'moments, expected at most'),
-        ((*SIMULATE, 'PROFILE', '--csv', 'one', '--plot', 'one'), 'different files'),
-        (('simulate', 'renda2012_table4', 'PROFILE'), 'material.density is 0.0'),
-        (('modes', *ARM, '--count', '0'), 'number of modes is 0'),
+        (f'{SIMULATE} PROFILE --model renda2012', 'does not move: expected exact'),
+        (f'{SIMULATE} PROFILE --rate 1e4', 'at most one moment for each step'),
+        (f'{SIMULATE} PROFILE --step 0', 'step is 0'),
+        (f'{SIMULATE} PROFILE --hold 1e9', 'moments, expected at most'),
+        (f'{SIMULATE} PROFILE --csv one --plot one', 'different files'),
+        ('simulate renda2012_table4 PROFILE', 'material.density is 0.0'),
+        (f'modes {ARM} --count 0', 'number of modes is 0'),
     ],
 )
-def test_wrong_options_are_one_line(arguments, message, profile, cli, monkeypatch, tmp_path):
+def test_wrong_options_are_one_line(command, message, profile, cli, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    given = (profile if word == 'PROFILE' else word for word in arguments)
-    assert message in cli.refused(*given)
+    assert message in cli.refused(command.replace('PROFILE', profile))
 
 
 def test_modes_are_printed_and_drawn(tmp_path, cli):
-    found = cli.json('modes', *ARM, *WATER, '--count', '5', '--json')
+    found = cli.json(f'modes {ARM} {WATER} --count 5 --json')
     assert_allclose(found['frequencies'][::2], [0.2625, 0.7105, 1.4588], atol=6e-5)
     assert np.shape(found['shapes']) == (5, 11, 3)
-    assert '0.4056' in cli('modes', *ARM, '--count', '2')[1]
+    assert '0.4056' in cli(f'modes {ARM} --count 2')[1]
     pytest.importorskip('matplotlib')
     picture, tensions = tmp_path / 'modes.png', '[[0,0,0.02,0],[0,0,0,0],[0.2,0,0,0]]'
-    assert cli('modes', *ARM, '--tensions', tensions, '--plot', picture)[0] == 0
+    assert cli(f'modes {ARM} --tensions {tensions} --plot {picture}')[0] == 0
     assert picture.stat().st_size > 10_000
 
 
@@ -139,6 +139,7 @@ MOVING = load_parameters('renda2012_prototype') | {
     'motion.added_mass': 1.5,
     'loads.fluid_density': 1000.0,
 }
+TEXT = text_sample('/arm_description', parameters_as_yaml(MOVING))
 # A pull that is let go: the arm swings. Corners are moments that are recorded.
 PULLS = """\
 times: [0.0, 0.04, 0.2, 0.24, 0.6]
@@ -151,10 +152,10 @@ interpolation: linear
 def folder(tmp_path_factory):
     """A simulated recording in bag and table, and the file of its arm."""
     folder = tmp_path_factory.mktemp('swing')
-    (folder / 'arm.yaml').write_text(parameters_as_yaml(MOVING))
     (folder / 'pull.yaml').write_text(PULLS)
-    files = '--out', str(folder / 'swing'), '--csv', str(folder / 'swing.csv')
-    assert main(['simulate', str(folder / 'arm.yaml'), str(folder / 'pull.yaml'), *files]) == 0
+    given = f'{arm_file(folder, MOVING)} {folder}/pull.yaml'
+    command = f'simulate {given} --out {folder}/swing --csv {folder}/swing.csv'
+    assert main(command.split()) == 0
     return folder
 
 
@@ -175,17 +176,9 @@ def test_a_replayed_motion_is_the_simulated_one(folder, tmp_path, cli):
     assert status == 0 and '31 answered by the moving arm' in out
     assert_allclose(poses(again), poses(folder / 'swing'), atol=1e-7)
     # From the table too, in steps of another length.
-    status, *_ = cli(
-        'replay',
-        folder / 'swing.csv',
-        table,
-        '--config',
-        folder / 'arm.yaml',
-        '--dynamic',
-        '--step',
-        '3e-3',
-    )
-    assert status == 0
+    config = folder / 'arm.yaml'
+    other = f'replay {folder}/swing.csv {table} --config {config} --dynamic --step 3e-3'
+    assert cli(other)[0] == 0
     assert_allclose(poses(table)[..., :3], poses(folder / 'swing')[..., :3], atol=2e-4)
     equilibria = tmp_path / 'equilibria'
     assert cli('replay', folder / 'swing', equilibria)[0] == 0
@@ -218,8 +211,7 @@ def test_a_motion_begins_again_where_stamps_go_back(tmp_path, cli):
     ]
     first, second = spread[:3], spread[3:]
     second = [one._replace(data=before.data) for one, before in zip(second, first)]
-    text = text_sample('/arm_description', parameters_as_yaml(MOVING))
-    bag = write_bag(tmp_path / 'bag', [text, *first, *second])
+    bag = write_bag(tmp_path / 'bag', [TEXT, *first, *second])
     status, out, _ = cli('replay', bag, tmp_path / 'out', '--dynamic')
     assert status == 0 and 'began to move from rest 2 times' in out
     found = poses(tmp_path / 'out')
@@ -233,19 +225,16 @@ def test_winches_drive_the_moving_arm(tmp_path, cli):
         displacement_sample([name], [one], START + 50_000_000 * number)
         for number, one in enumerate(reeled)
     ]
-    text = text_sample('/arm_description', parameters_as_yaml(MOVING))
-    bag = write_bag(tmp_path / 'bag', [text, *content])
-    out = cli.json(
-        'replay', bag, tmp_path / 'out', '--dynamic', '--csv', tmp_path / 'csv', '--json'
-    )
+    bag = write_bag(tmp_path / 'bag', [TEXT, *content])
+    out = cli.json(f'replay {bag} {tmp_path}/out --dynamic --csv {tmp_path}/csv --json')
     assert out['topics']['/tendon_displacements']['answered'] == 4
     pulled = np.loadtxt(tmp_path / 'csv' / 'tensions.csv', delimiter=',', skiprows=1)
     assert pulled[0, 1] == 0.0 and pulled[1, 1] > 0.01
     assert np.ptp(poses(tmp_path / 'out')[:, -1, :3], axis=0).max() > 0.005
 
 
-def seen(folder: Path, tmp_path: Path, noise: float, **start: float) -> list[object]:
-    """Arguments of identify: tables of tensions and of tips as seen, and an arm to begin with."""
+def seen(folder: Path, tmp_path: Path, noise: float, **start: float) -> str:
+    """A command: tables of tensions and of tips as seen, and an arm to begin with."""
     with (folder / 'swing.csv').open(newline='') as file:
         names = next(csv.reader(file))
         rows = np.loadtxt(file, delimiter=',')
@@ -257,37 +246,17 @@ def seen(folder: Path, tmp_path: Path, noise: float, **start: float) -> list[obj
         content, head = np.column_stack([rows[:, 0], table]), ','.join(['time', *columns])
         np.savetxt(tmp_path / f'{name}.csv', content, '%.9g', ',', header=head, comments='')
     values = MOVING | {f'motion.{name}': value for name, value in start.items()}
-    (tmp_path / 'start.yaml').write_text(parameters_as_yaml(values))
-    return [
-        'identify',
-        '--config',
-        tmp_path / 'start.yaml',
-        '--tension-csv',
-        tmp_path / 'pulled.csv',
-        '--midline-csv',
-        tmp_path / 'seen.csv',
-        '--align',
-        'none',
-    ]
+    return (
+        f'identify --config {arm_file(tmp_path, values)} --tension-csv {tmp_path}/pulled.csv '
+        f'--midline-csv {tmp_path}/seen.csv --align none'
+    )
 
 
 def test_a_swing_tells_damping_drag_and_added_mass(folder, tmp_path, cli):
     given = seen(folder, tmp_path, 1e-4, viscosity=200.0, normal_drag=2.0, added_mass=1.2)
     fitted = tmp_path / 'fitted.yaml'
-    found = cli.json(
-        *given,
-        '--step',
-        '1e-2',
-        '--loss',
-        'linear',
-        '--fit',
-        'damping',
-        'drag',
-        'added_mass',
-        '--json',
-        '--out',
-        fitted,
-    )
+    fits = '--fit damping drag added_mass'
+    found = cli.json(f'{given} --step 1e-2 --loss linear {fits} --json --out {fitted}')
     truth = {'damping': 300.0, 'drag': 2.5, 'added_mass': 1.5}
     for name, value in truth.items():
         low, high = found['estimates'][name]['interval95']
@@ -304,31 +273,32 @@ def test_what_does_not_swing_tells_nothing(folder, tmp_path, cli):
     head, *rows = table.read_text().splitlines()
     held = [f'{row.split(",")[0]},0.3,0,0,0' for row in rows]
     table.write_text('\n'.join([head, *held]))
-    text = cli.refused(*given, '--fit', 'damping', status=1)
-    assert 'the arm does not swing: it is within' in text
-    for more, message in (
-        (('--fit', 'damping', 'axial_stiffness'), 'axial_stiffness is not fitted to an arm that'),
-        (('--fit', 'damping', 'tension_scale'), 'tension_scale is not fitted to an arm that'),
-        (('--fit', 'drag', '--model', 'renda2012'), 'of which only exact moves'),
-        (('--fit', 'drag', '--ramp'), 'a fit of a motion, does not go with --ramp'),
+    for more, status, message in (
+        ('damping', 1, 'the arm does not swing: it is within'),
+        ('damping axial_stiffness', 2, 'axial_stiffness is not fitted to an arm that'),
+        ('damping tension_scale', 2, 'tension_scale is not fitted to an arm that'),
+        ('drag --model renda2012', 2, 'of which only exact moves'),
+        ('drag --ramp', 2, 'a fit of a motion, does not go with --ramp'),
     ):
-        assert message in cli.refused(*given, *more)
+        assert message in cli.refused(f'{given} --fit {more}', status=status)
+
+
+COMPARE = 'compare BAG --midlines /tip_pose --dynamic'
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'message'),
+    ('command', 'message'),
     [
-        (('replay', 'bag', 'out', '--step', '1e-3'), '--step has no effect without --dynamic'),
-        (('replay', 'bag', 'out', '--dynamic', '--step', '9'), '--step is 9'),
-        (('replay', 'bag', 'out', '--dynamic', '--model', 'renda2012'), 'does not move'),
-        (('compare', 'bag', '--dynamic', '--model', 'all'), 'only exact moves'),
-        (('compare', 'bag', '--dynamic', '--align', 'fit'), 'alignment of an arm that moves'),
-        (('compare', 'bag', '--dynamic', '--hold', '2'), '--hold has no effect with --dynamic'),
-        (('compare', 'bag', '--dynamic', '--config', 'renda2012_prototype'), 'density is 0.0'),
+        ('replay BAG OUT --step 1e-3', '--step has no effect without --dynamic'),
+        ('replay BAG OUT --dynamic --step 9', '--step is 9'),
+        ('replay BAG OUT --dynamic --model renda2012', 'does not move'),
+        (f'{COMPARE} --model all', 'only exact moves'),
+        (f'{COMPARE} --align fit', 'alignment of an arm that moves'),
+        (f'{COMPARE} --hold 2', '--hold has no effect with --dynamic'),
+        (f'{COMPARE} --config renda2012_prototype', 'density is 0.0'),
     ],
 )
-def test_wrong_options_are_refused(arguments, message, folder, tmp_path, cli):
-    places = {'bag': folder / 'swing', 'out': tmp_path / 'out'}
-    more = ('--midlines', '/tip_pose') if arguments[0] == 'compare' else ()
-    assert message in cli.refused(*(places.get(one, one) for one in arguments), *more)
+def test_wrong_options_are_refused(command, message, folder, tmp_path, cli):
+    command = command.replace('BAG', f'{folder}/swing').replace('OUT', f'{tmp_path}/out')
+    assert message in cli.refused(command)
     assert not (tmp_path / 'out').exists()

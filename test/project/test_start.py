@@ -1,13 +1,11 @@
 """Start of programs: interrupted while they are imported, and where ROS or an extra is missing."""
 
 import json
-import os
 import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 
 import pytest
@@ -17,13 +15,9 @@ import octo_arm_start
 from octo_arm_model.config.parameter_files import preset_path
 
 PROGRAMS = [name for name, value in vars(octo_arm_start).items() if isinstance(value, partial)]
-PARAMETERS = str(preset_path('renda2012_prototype'))
-OF_ROS = {
-    'estimator': ['--ros-args', '--params-file', PARAMETERS],
-    'lifecycle_estimator': ['--ros-args', '--params-file', PARAMETERS],
-    'node': ['--ros-args', '--params-file', PARAMETERS],
-    'lifecycle_node': ['--ros-args', '--params-file', PARAMETERS],
-    'simulator': ['--ros-args', '--params-file', PARAMETERS],
+OF_ROS = ['--ros-args', '--params-file', str(preset_path('renda2012_prototype'))]
+STARTED = {
+    **dict.fromkeys(PROGRAMS, OF_ROS),
     'viewer': [],
     'demo': ['renda2012_prototype', '--no-viewer'],
     'octopus': ['renda2012_prototype', '--no-viewer'],
@@ -50,87 +44,37 @@ sys.meta_path.insert(0, Hidden)
 WITHOUT_ROS = HIDE.format(r'rclpy|rosidl_\\w+|ament_\\w+|\\w+_(msgs|interfaces|srvs)')
 
 
-def run(
-    program: str, *arguments: str, before: str = '', **environment: str | None
-) -> subprocess.CompletedProcess[str]:
-    """Run a program to its end."""
-    code = f'{before}\nimport sys, octo_arm_start; sys.exit(octo_arm_start.{program}())'
-    variables = {**os.environ, **environment}
-    return subprocess.run(
-        [sys.executable, '-c', code, *arguments],
-        env={name: value for name, value in variables.items() if value is not None},
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-
-
-# Imports modules, which takes most of the time of a program, and then runs programs in forks.
-FORKS = """
-import json, os, signal, sys, tempfile
-import octo_arm_start, {modules}
-for line in sys.stdin:
-    case = json.loads(line)
-    with tempfile.TemporaryFile('w+') as out, tempfile.TemporaryFile('w+') as err:
-        if not (child := os.fork()):
-            signal.alarm(600)
-            os.dup2(out.fileno(), 1), os.dup2(err.fileno(), 2)
-            for name, value in case['environment'].items():
-                os.environ.pop(name, None) if value is None else os.environ.update({{name: value}})
-            exec(case['before'])
-            sys.argv[1:] = case['arguments']
-            sys.exit(getattr(octo_arm_start, case['program'])())
-        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        out.seek(0), err.seek(0)
-        print(json.dumps([status, out.read(), err.read()]), flush=True)
+# Runs programs one after the other, as importing takes most of the time of each.
+ALL = """
+import contextlib, io, json, octo_arm_start
+for program, arguments in json.loads(sys.argv.pop()):
+    sys.argv[1:], out, err = arguments, io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            status = getattr(octo_arm_start, program)()
+        except SystemExit as end:
+            status = end.code
+    print(json.dumps([status, out.getvalue(), err.getvalue()]))
 """
-Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
-@contextmanager
-def forking(modules: str, before: str = '') -> Iterator[Run]:
-    """As `run`, in a fork of one process that has imported ``modules`` after ``before``."""
-    code = before + FORKS.format(modules=modules)
-    with subprocess.Popen(
-        [sys.executable, '-c', code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdin and process.stdout
-        given, answers = process.stdin, process.stdout
-
-        def run(
-            program: str, *arguments: str, before: str = '', **environment: str | None
-        ) -> subprocess.CompletedProcess[str]:
-            case = {
-                'program': program,
-                'arguments': arguments,
-                'before': before,
-                'environment': environment,
-            }
-            given.write(json.dumps(case) + '\n')
-            given.flush()
-            return subprocess.CompletedProcess(arguments, *json.loads(answers.readline()))
-
-        yield run
-        given.close()
+def python(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run Python code to its end."""
+    command = [sys.executable, '-c', code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=600)
 
 
-@pytest.fixture(scope='module')
-def run_without_ros():
-    """As `run`, where ROS is not installed."""
-    with forking('octo_arm_model', WITHOUT_ROS) as run:
-        yield run
+def all_of(cases: Sequence[tuple[str, list[str]]], before: str) -> list[tuple[int, str, str]]:
+    """Status, output and errors of programs with their arguments, after ``before``."""
+    done = python(before + ALL, json.dumps(cases))
+    assert done.returncode == 0, done.stderr
+    return [tuple(json.loads(line)) for line in done.stdout.splitlines()]
 
 
-@pytest.fixture(scope='module')
-def run_quickly():
-    """As `run`, with what the command always needs imported before ``before``."""
-    with forking('octo_arm_model.cli.main') as run:
-        yield run
-
-
-def started(program: str, *arguments: str, **options: str | None) -> tuple[int, str]:
-    """Run a program to its end; returns status and stderr."""
-    done = run(program, *arguments, **options)
+def started(program: str, *arguments: str, before: str) -> tuple[int, str]:
+    """Run a program to its end after ``before``; returns status and stderr."""
+    code = f'{before}\nimport sys, octo_arm_start; sys.exit(octo_arm_start.{program}())'
+    done = python(code, *arguments)
     return done.returncode, done.stderr
 
 
@@ -139,44 +83,54 @@ def test_every_program_is_started_here():
     assert sorted(scripts) == [('octo_arm_start', name) for name in sorted(PROGRAMS)]
 
 
-@pytest.mark.parametrize('program', PROGRAMS)
-def test_help_needs_no_ros(run_without_ros, program):
-    done = run_without_ros(program, '--help')
-    assert (done.returncode, done.stderr) == (0, '')
-    assert done.stdout.startswith('usage: ')
-    assert 'example' in done.stdout
+def test_help_needs_no_ros():
+    for program, (status, out, err) in zip(
+        PROGRAMS, all_of([(name, ['--help']) for name in PROGRAMS], WITHOUT_ROS), strict=True
+    ):
+        assert (status, err) == (0, ''), program
+        assert out.startswith('usage: ') and 'example' in out, program
 
 
-@pytest.mark.parametrize('program', OF_ROS)
-def test_without_ros_that_is_one_line(run_without_ros, program):
-    done = run_without_ros(program, *OF_ROS[program])
-    assert done.returncode == 2
-    assert re.fullmatch(
-        r'.*: error: needs ROS 2 and the package octo_arm_msgs \(\w+ is missing\): '
-        r'source them, or put tools/with_ros of the checkout in front\n',
-        done.stderr,
-    )
+def test_without_ros_that_is_one_line():
+    cases = [(name, given) for name, given in STARTED.items() if name != 'command_line']
+    for (program, _), (status, _, err) in zip(cases, all_of(cases, WITHOUT_ROS), strict=True):
+        assert status == 2, program
+        assert re.fullmatch(
+            r'.*: error: needs ROS 2 and the package octo_arm_msgs \(\w+ is missing\): '
+            r'source them, or put tools/with_ros of the checkout in front\n',
+            err,
+        ), program
 
 
 @pytest.mark.parametrize(
-    ('command', 'module', 'extras'),
+    ('module', 'commands'),
     [
-        (['compare', 'bag'], 'rosbags', 'bags,figures'),
-        (['compare', 'bag', '--out', 'new'], 'matplotlib', 'bags,figures'),
-        (['identify', 'bag'], 'rosbags', 'bags,figures'),
-        (['estimate', 'bag'], 'rosbags', 'bags,figures'),
-        (['replay', 'bag', 'new'], 'rosbags', 'bags'),
-        (['record-demo', 'new'], 'rosbags', 'bags'),
-        (['workspace', 'renda2012_table4', '--out', 'new.png'], 'matplotlib', 'figures'),
-        (['reproduce', 'new'], 'matplotlib', 'figures'),
+        (
+            'rosbags',
+            {
+                'compare bag': 'bags,figures',
+                'identify bag': 'bags,figures',
+                'estimate bag': 'bags,figures',
+                'replay bag new': 'bags',
+                'record-demo new': 'bags',
+            },
+        ),
+        (
+            'matplotlib',
+            {
+                'compare bag --out new': 'bags,figures',
+                'workspace renda2012_table4 --out new.png': 'figures',
+                'reproduce new': 'figures',
+            },
+        ),
     ],
 )
-def test_without_an_extra_all_that_the_command_may_need_are_named(
-    run_quickly, command, module, extras
-):
-    done = run_quickly('command_line', *command, before=HIDE.format(rf'{module}\\b.*'))
-    hint = f"install it with: pip install 'octo_arm_model[{extras}]'"
-    assert (done.returncode, done.stderr) == (2, f'octo-arm: error: needs {module}; {hint}\n')
+def test_without_an_extra_all_that_the_command_may_need_are_named(module, commands):
+    cases = [('command_line', command.split()) for command in commands]
+    found = all_of(cases, HIDE.format(rf'{module}\\b.*'))
+    for extras, answer in zip(commands.values(), found, strict=True):
+        hint = f"install it with: pip install 'octo_arm_model[{extras}]'"
+        assert answer == (2, '', f'octo-arm: error: needs {module}; {hint}\n')
 
 
 def test_without_viser_the_viewer_says_what_to_install():

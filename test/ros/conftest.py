@@ -66,7 +66,7 @@ def client():
 
     from octo_arm_model.ros.node.main import OctoArmNode
 
-    with hosting(OctoArmNode, *RELIABLE) as client:
+    with hosting(OctoArmNode, **RELIABLE) as client:
         client.connect()
         yield client
 
@@ -80,7 +80,7 @@ def loaded(tmp_path_factory):
 
     path = tmp_path_factory.mktemp('loaded') / 'arm.yaml'
     path.write_text(LOADED)
-    with hosting(OctoArmNode, *RELIABLE, files=[path], node='loaded') as client:
+    with hosting(OctoArmNode, files=[path], node='loaded', **RELIABLE) as client:
         client.config = load_config(path)
         client.names = list(client.config.arm.tendon_names)
         client.pull = np.array([[1.0, 0.3, 0.0, 0.0]])

@@ -18,7 +18,6 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 from rclpy.parameter import Parameter
-from rosgraph_msgs.msg import Clock
 
 from octo_arm_model import load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
@@ -59,23 +58,23 @@ def of_the_arm(values):
 
 @pytest.mark.parametrize('kind', NODES)
 def test_what_is_dumped_starts_the_same_node_and_loads_into_it(kind, tmp_path):
-    (make_node, name), tabulated = NODES[kind], tmp_path / 'tabulated.yaml'
+    tabulated = tmp_path / 'tabulated.yaml'
     tabulated.write_text(TABULATED)
-    with hosting(make_node, files=[tabulated], node=name) as first:
+    with hosting(NODES[kind], files=[tabulated]) as first:
         dumped, types = first.dump(), first.parameter_types()
         assert dumped['tendon_names'] == [] == dumped['sections.offset_base']
         assert dumped['body.radius_base'] == 0.0
         assert types['tendon_names'] == ParameterType.PARAMETER_STRING_ARRAY
         assert types['sections.tendons'] == ParameterType.PARAMETER_INTEGER_ARRAY
         assert types['loads.point_s'] == ParameterType.PARAMETER_DOUBLE_ARRAY
-        path = write_dump(tmp_path / 'dumped.yaml', name, dumped)
+        path = write_dump(tmp_path / 'dumped.yaml', first.name, dumped)
         if kind == 'node':
             assert load_config(path) == load_config(tabulated)
         loaded = first.ask_parameters(first.parameters.load_parameter_file, str(path), True)
         refused = {r.reason for r in loaded.results if not r.successful}
         assert all('read-only' in reason for reason in refused), refused
         assert first.dump() == dumped
-    with hosting(make_node, files=[path], node=name) as second:
+    with hosting(NODES[kind], files=[path]) as second:
         assert of_the_arm(second.dump()) == of_the_arm(dumped)
         assert second.parameter_types() == types
         if kind == 'lifecycle':
@@ -131,32 +130,38 @@ def test_a_description_that_nobody_could_read_is_refused(client):
     assert not done and 'bytes, expected at most 1048576' in why
 
 
+STATIONS = ParameterMessage(name='stations')
+
+
 @pytest.mark.parametrize(
-    ('service', 'kind', 'field', 'element'),
+    ('service', 'kind', 'field', 'element', 'answered'),
     [
-        ('set_parameters', SetParameters, 'parameters', ParameterMessage(name='stations')),
+        ('set_parameters', SetParameters, 'parameters', STATIONS, 'results.0.reason'),
         (
             'set_parameters_atomically',
             SetParametersAtomically,
             'parameters',
-            ParameterMessage(name='stations'),
+            STATIONS,
+            'result.reason',
         ),
-        ('get_parameters', GetParameters, 'names', 'stations'),
-        ('get_parameter_types', GetParameterTypes, 'names', 'stations'),
-        ('describe_parameters', DescribeParameters, 'names', 'stations'),
-        ('list_parameters', ListParameters, 'prefixes', 'body'),
+        ('get_parameters', GetParameters, 'names', 'stations', 'values'),
+        ('get_parameter_types', GetParameterTypes, 'names', 'stations', 'types'),
+        ('describe_parameters', DescribeParameters, 'names', 'stations', 'descriptors'),
+        ('list_parameters', ListParameters, 'prefixes', 'body', 'result.names'),
     ],
 )
-def test_a_request_is_of_no_more_parameters_than_there_are(client, service, kind, field, element):
+def test_a_request_is_of_no_more_parameters_than_there_are(
+    client, service, kind, field, element, answered
+):
     declared = len(client.parameter_names())
     request = kind.Request(**{field: [element] * 10 * declared})
-    answer = client.call(kind, f'octo_arm/{service}', request)
-    if kind in (SetParameters, SetParametersAtomically):
-        result = answer.results[0] if kind is SetParameters else answer.result
-        assert not result.successful and f'expected at most {declared}' in result.reason
+    found = client.call(kind, f'octo_arm/{service}', request)
+    for part in answered.split('.'):
+        found = found[int(part)] if part.isdigit() else getattr(found, part)
+    if element is STATIONS:
+        assert f'expected at most {declared}' in found
     else:
-        name = {GetParameters: 'values', GetParameterTypes: 'types'}.get(kind, 'descriptors')
-        assert not (answer.result.names if kind is ListParameters else getattr(answer, name))
+        assert not found
 
 
 def test_parameters_are_described_with_their_unit_and_range(client):
@@ -218,41 +223,34 @@ NO_TIMES = [(-5, 0), (-(2**31), 0), (-1, 10**9), (2**31 - 1, 2**32 - 1)]
 
 @pytest.mark.parametrize('kind', ['node', 'simulator'])
 def test_a_clock_that_is_no_time_is_refused_and_the_next_one_taken(kind):
-    make_node, _ = NODES[kind]
-    with hosting(make_node, '-p', 'use_sim_time:=true', node='clocked') as client:
+    with hosting(NODES[kind], node='clocked', use_sim_time=True) as client:
         is_node = kind == 'node'
         topic = 'backbone/path' if is_node else 'tendon_tensions'
         heard = client.answers[topic] if is_node else client.hear(TendonTensions, topic)
-        clock = client.node.create_publisher(Clock, '/clock', 10)
-        later = itertools.count(0, 1_000_000)  # [ns]
-
-        def publish(sec, nanosec):
-            message = Clock()
-            message.clock.sec, message.clock.nanosec = sec, nanosec
-            clock.publish(message)
-
-        def stamped_with(sec, nanosec, expected):
-            for bad in NO_TIMES:
-                publish(*bad)
-                client.spin(0.02)
-            # The simulator measures when time goes on.
-            publish(sec, nanosec + next(later))
-            if is_node:
-                client.send('tendon_tensions/array', FETCHING_IN_PLANE)
-            client.spin(0.05)
-            return heard and heard[-1].header.stamp.sec == expected
-
+        tell, later = client.clock(), itertools.count(0, 1_000_000)  # [ns]
         # Nanoseconds beyond a second, back to before, and the last second there is.
         for sec, nanosec, expected in ((5, 4 * 10**9, 9), (3, 0, 3), (2**31 - 1, 0, 2**31 - 1)):
+
+            def go_on(sec=sec, nanosec=nanosec):
+                for bad in NO_TIMES:
+                    tell(*bad)
+                    client.spin(0.02)
+                # The simulator measures when time goes on.
+                tell(sec, nanosec + next(later))
+                if is_node:
+                    client.send('tendon_tensions/array', FETCHING_IN_PLANE)
+
             client.wait(
-                lambda given=(sec, nanosec, expected): stamped_with(*given),
-                f'an answer at {sec} s',
+                lambda sec=expected: heard and heard[-1].header.stamp.sec == sec,
+                f'an answer at {expected} s',
+                go_on,
             )
-
-        def is_logged():
-            # At most one a second is logged, of whichever comes first.
-            publish(-5, 0)
-            client.spin(0.05)
-            return any('/clock refused: it is -5 s' in log.msg for log in client.logs)
-
-        client.wait(is_logged, 'a line in the log')
+        if is_node:
+            client.diagnostics.clear()
+            client.wait(lambda: client.diagnostics, 'a diagnosis, though time stands still')
+            assert client.diagnostics[-1].header.stamp.sec == 2**31 - 1
+            client.stamps = itertools.count(7)
+            path, *_ = client.ask('tendon_tensions', FETCHING_IN_PLANE)
+            assert path.header.stamp.sec == 7
+        # At most one a second is logged, of whichever comes first.
+        client.log('/clock refused: it is -5 s', again=lambda: tell(-5))

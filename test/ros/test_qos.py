@@ -4,10 +4,10 @@ import contextlib
 import importlib.util
 import re
 from collections.abc import Callable
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-import rclpy
 from checkout import ROOT
 from rclpy.duration import Duration
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -26,7 +26,12 @@ from octo_arm_model.ros.topics import POLICIES
 
 MANUAL = ROOT / 'docs' / 'node.md'
 CONFIG_FILE = preset_path('renda2012_table4')
-NODES = {'node': OctoArmNode, 'managed': ManagedOctoArmNode, 'simulator': SimulatorNode}
+NODES = {
+    'octo_arm': (OctoArmNode, ManagedOctoArmNode),
+    'octo_arm_estimator': (EstimatorNode, ManagedEstimatorNode),
+    'octo_arm_sim': (SimulatorNode,),
+}
+KINDS = OctoArmNode, ManagedOctoArmNode, SimulatorNode
 # Of rclpy itself.
 OTHERS = {'/rosout', '/parameter_events', '/clock', '/octo_arm/transition_event'}
 # None of them is what any topic has by default.
@@ -41,20 +46,20 @@ WANTED = {
 }
 
 
-def make(kind: str, context: object, *overrides: str) -> rclpy.node.Node:
+def make(kind: Any, context: object, *overrides: str, namespace: str = '') -> Node:
     """A node, active, with parameters overridden."""
-    arguments = ['--ros-args', '--params-file', str(CONFIG_FILE)]
-    for override in overrides:
-        arguments += ['-p', override]
-    node = NODES[kind](context=context, cli_args=arguments, use_global_arguments=False)
-    if kind == 'managed':
+    given = ['--ros-args', '--params-file', str(CONFIG_FILE)]
+    given += [word for override in overrides for word in ('-p', override)]
+    options = {'context': context, 'namespace': namespace, 'use_global_arguments': False}
+    node = kind(cli_args=given, **options)
+    if kind in (ManagedOctoArmNode, ManagedEstimatorNode):
         for transition in (node.on_configure, node.on_activate):
             if transition(None) != TransitionCallbackReturn.SUCCESS:
                 raise ConfigError('refused, and the reason is in the log')
     return node
 
 
-def entities(node: rclpy.node.Node) -> dict[tuple[str, str], object]:
+def entities(node: Node) -> dict[tuple[str, str], object]:
     """Publishers and subscriptions by kind and topic."""
     found = {('publisher', publisher.topic_name): publisher for publisher in node.publishers}
     for subscription in node.subscriptions:
@@ -62,7 +67,7 @@ def entities(node: rclpy.node.Node) -> dict[tuple[str, str], object]:
     return {key: entity for key, entity in found.items() if key[1] not in OTHERS}
 
 
-@pytest.mark.parametrize('kind', NODES)
+@pytest.mark.parametrize('kind', KINDS)
 def test_every_policy_of_every_topic_is_overridden(kind, context):
     plain = make(kind, context)
     topics = entities(plain)
@@ -90,7 +95,7 @@ def test_every_policy_of_every_topic_is_overridden(kind, context):
     }
     assert found == expected
     # And what others see of it.
-    if kind != 'simulator':
+    if kind != SimulatorNode:
         (seen,) = node.get_publishers_info_by_topic('/tip_pose')
         assert seen.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         assert seen.qos_profile.deadline == Duration(seconds=3)
@@ -98,7 +103,7 @@ def test_every_policy_of_every_topic_is_overridden(kind, context):
 
 
 def test_overrides_are_parameters_that_cannot_change_later(context):
-    node = make('node', context, 'qos_overrides./strains.publisher.depth:=77')
+    node = make(OctoArmNode, context, 'qos_overrides./strains.publisher.depth:=77')
     names = {name for name in node.get_parameters_by_prefix('') if name.startswith('qos_')}
     assert {name.rpartition('.')[2] for name in names} == {p.name.lower() for p in POLICIES}
     for name in names:
@@ -106,7 +111,7 @@ def test_overrides_are_parameters_that_cannot_change_later(context):
     node.destroy_node()
 
 
-@pytest.mark.parametrize('kind', NODES)
+@pytest.mark.parametrize('kind', KINDS)
 @pytest.mark.parametrize(
     ('override', 'reason'),
     [
@@ -121,15 +126,15 @@ def test_overrides_are_parameters_that_cannot_change_later(context):
     ],
 )
 def test_overrides_that_cannot_be_are_refused(kind, override, reason, context):
-    topic = 'ground_truth/tendon_tensions' if kind == 'simulator' else 'strains'
+    topic = 'ground_truth/tendon_tensions' if kind == SimulatorNode else 'strains'
     with pytest.raises(ConfigError) as error:
         make(kind, context, 'qos_overrides.' + override.format(topic))
-    assert kind == 'managed' or re.search(re.escape(reason), str(error.value))
+    assert kind == ManagedOctoArmNode or re.search(re.escape(reason), str(error.value))
     assert '\n' not in str(error.value)
 
 
 def test_the_manual_names_every_topic(context):
-    node = make('node', context)
+    node = make(OctoArmNode, context)
     text = MANUAL.read_text().split('## Services')[0]
     named = set(re.findall(r'^\| `([a-z0-9_/]+)` \|', text, re.MULTILINE))
     found = {key[1] for key in entities(node)}
@@ -140,8 +145,8 @@ def test_the_manual_names_every_topic(context):
 
 
 POLICY = ROOT / 'config' / 'sros2' / 'octo_arm_policy.xml'
-ENCLAVES = ('octo_arm', 'octo_arm_estimator', 'octo_arm_sim', 'octo_arm_viewer')
-KINDS = ('publish', 'subscribe', 'reply', 'request')
+ENCLAVES = (*NODES, 'octo_arm_viewer')
+ENDS = ('publish', 'subscribe', 'reply', 'request')
 Names = dict[str, set[str]]
 
 
@@ -150,7 +155,7 @@ def granted(text: str, enclave: str) -> tuple[str, str, Names]:
     root = ElementTree.fromstring(text)
     (profile,) = root.findall(f"./enclaves/enclave[@path='{enclave}']/profiles/profile")
     namespace, node = profile.attrib['ns'].rstrip('/'), profile.attrib['node']
-    names: Names = {kind: set() for kind in KINDS}
+    names: Names = {kind: set() for kind in ENDS}
     for rule in profile:
         for kind, qualifier in rule.attrib.items():
             assert qualifier == 'ALLOW'
@@ -182,33 +187,21 @@ def look_for_a_frame(frames: SensorFrames) -> None:
 
 def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
     """Every node that runs in an enclave, as busy as it gets."""
-    arguments = ['--ros-args', '--params-file', str(preset_path('renda2012_table4'))]
-    arguments += ['-p', 'use_sim_time:=true', '-p', 'start_type_description_service:=true']
-    options = {
-        'context': context,
-        'namespace': namespace,
-        'cli_args': arguments,
-        'use_global_arguments': False,
-    }
-    if enclave == 'octo_arm':
-        managed = ManagedOctoArmNode(**options)
-        managed.on_configure(None)
-        managed.on_activate(None)
-        plain = OctoArmNode(**options)
-        look_for_a_frame(plain._server._frames)
-        return [plain, managed]
-    if enclave == 'octo_arm_estimator':
-        managed = ManagedEstimatorNode(**options)
-        managed.on_configure(None)
-        managed.on_activate(None)
-        plain = EstimatorNode(**options)
-        look_for_a_frame(plain._server._frames)
-        return [plain, managed]
-    if enclave == 'octo_arm_sim':
-        arguments += ['-p', 'publish_clock:=true']
-        return [SimulatorNode(**options)]
+    own = ['use_sim_time:=true', 'start_type_description_service:=true']
+    own += ['publish_clock:=true'] * (enclave == 'octo_arm_sim')
+    if enclave in NODES:
+        nodes = [make(kind, context, *own, namespace=namespace) for kind in NODES[enclave]]
+        if enclave != 'octo_arm_sim':
+            look_for_a_frame(nodes[0]._server._frames)
+        return nodes
+    given = ['--ros-args', *(word for one in own for word in ('-p', one))]
     viewer = Node(
-        'octo_arm_viewer', automatically_declare_parameters_from_overrides=True, **options
+        enclave,
+        context=context,
+        namespace=namespace,
+        cli_args=given,
+        use_global_arguments=False,
+        automatically_declare_parameters_from_overrides=True,
     )
     client = ArmClient(viewer)
     client.listen({**POSES, **DETAILS})
@@ -228,7 +221,7 @@ def test_the_policy_grants_what_the_nodes_have(enclave, namespace, context):
         path = namespace + path
     where, name, allowed = granted(text, path)
     nodes = nodes_of(enclave, namespace, context)
-    found: Names = {kind: set() for kind in KINDS}
+    found: Names = {kind: set() for kind in ENDS}
     for node in nodes:
         assert (node.get_namespace(), node.get_name()) == (where, name)
         for kind, names in seen(node).items():

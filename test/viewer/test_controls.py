@@ -4,6 +4,7 @@ import dataclasses
 import queue
 import shlex
 import threading
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +12,9 @@ import pytest
 import rclpy
 import yaml
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, Vector3Stamped
-from live_nodes import DEADLINE, RosClient, hosting, new_domain
+from live_nodes import DEADLINE, RosClient, hosting, new_domain, xyz
 from numpy.testing import assert_allclose, assert_array_equal
+from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
 from octo_arm_model import ConfigError, MotionProperties, load_config
@@ -21,7 +23,6 @@ from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.client.client import ArmClient
 from octo_arm_model.ros.client.commands import SimulatorClient
-from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.movements import highest_tensions
 from octo_arm_model.simulation.profiles import CommandProfile
@@ -154,20 +155,12 @@ class Page:
 
 
 def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(server):
-    with hosting(
-        SimulatorNode,
-        *parameter_arguments(MOVING),
-        files=[FILE],
-        client=RosClient,
-        node='octo_arm_sim',
-        domain=new_domain(),
-    ) as client:
+    with hosting(SimulatorNode, files=[FILE], **MOVING) as client:
         tips = client.hear(PoseWithCovarianceStamped, 'ground_truth/tip_pose')
         page = Page(server, SimulatorClient(client.node))
 
         def tip():
-            place = tips[-1].pose.pose.position
-            return np.array([place.x, place.y, place.z])
+            return xyz(tips[-1].pose.pose.position)
 
         client.wait(lambda: tips, 'the arm')
         page.tell('Pull the tip')
@@ -181,13 +174,11 @@ def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(serv
         solver = IN_CURRENT.solver('exact')
 
         def is_balanced():
-            page.controls.follow(tip())
-            client.spin(0.02)
             force = np.append(stiffness * (point - tip()), np.zeros(3))
             expected = solver.solve(np.zeros((1, 4)), force).tip
             return tip()[2] > 0.03 * LENGTH and np.linalg.norm(tip() - expected) < 1e-4
 
-        client.wait(is_balanced, 'a balance')
+        client.wait(is_balanced, 'a balance', lambda: page.controls.follow(tip()))
         page.drag('end')
         client.wait(lambda: np.linalg.norm(tip() - [LENGTH, 0.0, 0.0]) < 1e-3, 'the arm at rest')
 
@@ -214,26 +205,14 @@ def test_the_mouse_pulls_the_tip_until_it_lets_go_and_buttons_stop_and_step(serv
         client.wait(lambda: len(tips) > 3, 'the arm')
         assert_allclose(tip(), [LENGTH, 0.0, 0.0], atol=1e-9)
         # A force that nobody holds lets go.
-        force = client.node.create_publisher(Vector3Stamped, 'push/force', 10)
-
-        def is_pulled():
-            force.publish(Vector3Stamped(vector=Vector3(z=0.05)))
-            return tip()[2] > 1e-3
-
-        client.wait(is_pulled, 'a push')
+        force = client.teller(Vector3Stamped, 'push/force')
+        client.wait(lambda: tip()[2] > 1e-3, 'a push', lambda: force(vector=Vector3(z=0.05)))
         client.wait(lambda: np.linalg.norm(tip() - [LENGTH, 0.0, 0.0]) < 1e-3, 'the arm at rest')
-        for vector, frame, reason in (
-            (Vector3(x=float('nan')), '', 'the force is [nan, 0.0, 0.0], expected finite'),
-            (Vector3(), 'camera', "the force is in frame 'camera', expected 'arm_base'"),
+        for fields, reason in (
+            ({'vector': Vector3(x=np.nan)}, 'the force is [nan, 0.0, 0.0], expected finite'),
+            ({'header': Header(frame_id='camera')}, "in frame 'camera', expected 'arm_base'"),
         ):
-            message = Vector3Stamped(vector=vector)
-            message.header.frame_id = frame
-
-            def is_told(message=message, reason=reason):
-                force.publish(message)
-                return any(reason in log.msg for log in client.logs)
-
-            client.wait(is_told, reason)
+            client.log(reason, again=partial(force, **fields))
 
 
 def test_the_current_is_an_arrow_and_a_missing_simulator_a_sentence(server):

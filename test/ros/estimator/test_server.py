@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from estimator_nodes import CONFIG, INPUTS, LENGTH, NAMES, STATIONS, TENSIONS, estimating_here
 from geometry_msgs.msg import Pose, TransformStamped
 from lifecycle_msgs.msg import Transition
-from live_nodes import setting
+from live_nodes import setting, xyz
 from numpy.testing import assert_allclose, assert_array_equal
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
@@ -69,8 +70,7 @@ def test_a_force_on_the_tip_is_found_with_its_covariance(client):
     poses = np.reshape(covariance.pose, (STATIONS, 6, 6))
     tip = client.newest('tip_pose').pose
     assert_array_equal(poses[-1].ravel(), tip.covariance)
-    position = tip.pose.position
-    away = np.array([position.x, position.y, position.z]) - client.shape.tip
+    away = xyz(tip.pose.position) - client.shape.tip
     assert away @ np.linalg.solve(poses[-1, :3, :3], away) < 30.0  # chi-square of 3, 1e-6
     found = client.newest('tendon_tension_estimates')
     assert found.name == NAMES
@@ -91,13 +91,12 @@ def test_tensions_alone_give_the_forward_model_and_say_what_they_cannot_tell(cli
     _, values = client.status('estimate')
     assert 'tip_force z' not in values['not observable']
     assert values['tip pose accepted'] == '5' and values['tip pose refused'] == '0'
-
-    def is_estimating():
-        client.measure([1000.2 + 0.01 * len(client.answers['tip_pose'])], BOTH)
-        return any(s.message == 'estimating' for one in client.diagnostics for s in one.status)
-
     client.diagnostics.clear()
-    client.wait(is_estimating, 'a diagnosis while it measures')
+    client.wait(
+        lambda: 'estimating' in client.told(),
+        'a diagnosis while it measures',
+        lambda: client.measure([1000.2 + 0.01 * len(client.answers['tip_pose'])], BOTH),
+    )
 
 
 def test_a_sensor_that_lies_is_thrown_out_and_reported(client):
@@ -130,15 +129,22 @@ def test_late_measurements_count_within_the_window_and_are_refused_beyond_it(cli
     after = assert_is_true(client)
     assert (after < before).all()
     heard = len(client.answers['tip_pose'])
-
-    def is_refused():
-        client.send('measured/markers', 999.5)
-        client.spin(0.1)
-        return any('/measured/markers refused: measured at' in log.msg for log in client.logs)
-
-    client.wait(is_refused, 'a refusal')
+    late = partial(client.send, 'measured/markers', 999.5)
+    client.log('/measured/markers refused: measured at', again=late)
     assert int(client.status('estimate')[1]['came too late']) >= 1
     assert len(client.answers['tip_pose']) == heard
+
+
+def warned(client, words):
+    """Levels of what was said with these ``words``."""
+    found = {
+        status.level
+        for message in client.diagnostics
+        for status in message.status
+        if words in status.message
+    }
+    assert found <= {DiagnosticStatus.WARN}
+    return found
 
 
 def test_a_bag_that_begins_anew_is_followed_from_its_beginning(client):
@@ -147,49 +153,22 @@ def test_a_bag_that_begins_anew_is_followed_from_its_beginning(client):
     tip = client.tell('tendon_tensions', 990.0)
     assert tip.header.stamp.sec == 990
     client.log('/tendon_tensions: stamps run back by')
-    said = 'stamps of /tendon_tensions ran back, the estimate was reset 1 time(s)'
-    client.wait(
-        lambda: any(
-            said in status.message and status.level == DiagnosticStatus.WARN
-            for message in client.diagnostics
-            for status in message.status
-        ),
-        'a diagnosis',
-    )
+    words = 'stamps of /tendon_tensions ran back, the estimate was reset 1 time(s)'
+    client.wait(lambda: warned(client, words), 'a diagnosis')
     _, stddev = client.wrench()
     assert_allclose(stddev, PRIOR, rtol=1e-6)
 
 
 def test_where_no_stamp_can_be_used_the_estimate_is_not_said_to_be_well(client):
-    def told():
-        client.send('tendon_tensions', 1000.0, setting('header.stamp.sec', 2**31 - 1))
-        client.spin(0.1)
-        return [
-            status.level
-            for message in client.diagnostics
-            for status in message.status
-            if 'could be used: /tendon_tensions: its stamp is' in status.message
-        ]
-
     client.diagnostics.clear()
-    assert set(client.wait(told, 'a warning')) == {DiagnosticStatus.WARN}
+    client.wait(
+        lambda: warned(client, 'could be used: /tendon_tensions: its stamp is'),
+        'a warning',
+        lambda: client.send('tendon_tensions', 1000.0, setting('header.stamp.sec', 2**31 - 1)),
+    )
     client.measure([1000.0])
     status, _ = client.status('estimate')
     assert 'could be used' not in status.message
-
-
-def refused(client, topic, change, words, time=1000.5):
-    """Send a message until the log says why it is refused; nothing is published for it."""
-    client.logs.clear()
-    heard = len(client.answers['tip_pose'])
-
-    def is_refused():
-        client.send(topic, time, change)
-        client.spin(0.1)
-        return any(f'/{topic} refused: {words}' in log.msg for log in client.logs)
-
-    client.wait(is_refused, f'{words} in the log')
-    assert len(client.answers['tip_pose']) == heard
 
 
 def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
@@ -208,7 +187,11 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
         ('measured/base_wrench', 'wrench.torque.y', math.nan, 'base wrench: value is'),
         ('measured/base_wrench', 'header.frame_id', 'camera', "its frame is 'camera'"),
     ):
-        refused(client, topic, setting(path, value), words)
+        client.logs.clear()
+        heard = len(client.answers['tip_pose'])
+        bad = partial(client.send, topic, 1000.5, setting(path, value))
+        client.log(f'/{topic} refused: {words}', again=bad)
+        assert len(client.answers['tip_pose']) == heard
     # All of that changed nothing.
     client.force = FORCE
     client.measure(1001.0 + 0.05 * np.arange(8), [*INPUTS])
@@ -220,7 +203,7 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
 def test_what_a_moving_camera_sees_waits_for_the_transform_of_its_time(client):
     """Which is published after it, as is usual."""
     tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
-    moving = client.node.create_publisher(tf2.TFMessage, '/tf', 10)
+    tell = client.teller(tf2.TFMessage, '/tf')
     times = itertools.count(1000.0, 0.02)
 
     def height(time):
@@ -231,7 +214,7 @@ def test_what_a_moving_camera_sees_waits_for_the_transform_of_its_time(client):
         link.header.frame_id = 'arm_base'
         link.header.stamp.sec, link.header.stamp.nanosec = divmod(round(time * 1e9), 10**9)
         link.transform.translation.z, link.transform.rotation.w = height(time), 1.0
-        moving.publish(tf2.TFMessage(transforms=[link]))
+        tell(transforms=[link])
 
     def see(time):
         def seen(message):
@@ -244,19 +227,14 @@ def test_what_a_moving_camera_sees_waits_for_the_transform_of_its_time(client):
     client.measure([1000.0], ['tendon_tensions'])
     count = len(tip)
 
-    def is_taken():
+    def move_and_see():
         time = next(times)
         move(time)
         client.spin(0.1)
         see(time + 0.01)
-        client.spin(0.1)
-        return len(tip) > count + 5
 
-    client.wait(is_taken, 'estimates of what the camera saw')
-    position = tip[-1].pose.pose.position
-    away = np.array([position.x, position.y, position.z]) - client.shape.tip
-    assert np.linalg.norm(away) < 2e-3
-    client.node.destroy_publisher(moving)
+    client.wait(lambda: len(tip) > count + 5, 'estimates of what the camera saw', move_and_see)
+    assert np.linalg.norm(xyz(tip[-1].pose.pose.position) - client.shape.tip) < 2e-3
 
 
 def test_noise_that_is_larger_than_told_is_said(client):
@@ -343,17 +321,15 @@ def test_what_motors_read_in_a_field_is_a_measurement(client):
     try:
         message = JointState(name=NAMES, velocity=turns.tolist())
         message.header.stamp.sec = 1000
-
-        def is_accepted():
-            motors.publish(message)
-            client.spin(0.1)
-            _, values = client.status('estimate')
-            return int(values.get('tendon displacements accepted', 0)) > 0
-
-        client.wait(is_accepted, 'an estimate')
-        tip = client.newest('tip_pose').pose.pose.position
+        counted = 'tendon displacements accepted'
+        client.wait(
+            lambda: int(client.status('estimate')[1].get(counted, 0)) > 0,
+            'an estimate',
+            partial(motors.publish, message),
+        )
         # Without load cells it is what the encoders say, against a wide prior of the tensions.
-        assert_allclose([tip.x, tip.y, tip.z], shape.tip, atol=2e-3)
+        tip = xyz(client.newest('tip_pose').pose.pose.position)
+        assert_allclose(tip, shape.tip, atol=2e-3)
     finally:
         done = client.change(displacement_type='', displacement_field='', displacement_scale=[1.0])
         assert done == (True, '')
@@ -365,11 +341,13 @@ def test_rviz_sees_the_tube_and_the_arrow(client):
     client.force = FORCE
 
     def seen():
-        client.measure([1000.0 + 0.05 * next(steps)])
         found = {marker.ns: marker for message in heard for marker in message.markers}
         return found if 'contact' in found and found['contact'].points else None
 
-    found = client.wait(seen, 'an arrow')
+    def measure():
+        client.measure([1000.0 + 0.05 * next(steps)])
+
+    found = client.wait(seen, 'an arrow', measure)
     assert {'body', 'tendons', 'covariance', 'cone'} <= found.keys()
 
 

@@ -1,8 +1,8 @@
 """Tensions, wrenches and requests answered with the backbone of the core, over DDS."""
 
-import itertools
 import math
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -22,7 +22,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from octo_arm_msgs.msg import TendonTensions
 from octo_arm_msgs.srv import FindTensions, Solve
 from rcl_interfaces.srv import GetParameters
-from rosgraph_msgs.msg import Clock
 
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
 from octo_arm_model.ros.node.main import OctoArmNode
@@ -32,7 +31,7 @@ from octo_arm_model.wire.tensions import TENSION_TOPICS
 @pytest.fixture(scope='module')
 def client():
     """Client of a node that is a process of its own."""
-    with running('ros.node.main', *RELIABLE) as client:
+    with running('ros.node.main', **RELIABLE) as client:
         client.connect()
         yield client
 
@@ -116,53 +115,24 @@ def test_what_is_said_of_a_refusal_is_short_whatever_was_sent(client):
     client.diagnostics.clear()
     names, words = ['x' * 500_000, *NAMES[1:]], 'unknown tendon x'
 
-    def said():
-        parts = [status for message in client.diagnostics for status in message.status]
-        values = [value.value for status in parts for value in status.values]
-        return [status.message for status in parts], [log.msg for log in client.logs], values
-
-    def told():
+    def send():
         client.send('tendon_tensions', FETCHING_IN_PLANE, names)
-        client.spin(0.1)
-        # The log may be throttled since the test before.
-        return all(any(words in line for line in lines) for lines in said()[:2])
 
-    client.wait(told, 'a warning and a log line')
-    assert max(len(line) for lines in said() for line in lines) < 1000
+    # The log may be throttled since the test before.
+    client.log(words, again=send)
+    client.wait(lambda: any(words in line for line in client.told()), 'a warning', send)
+    values = [v.value for m in client.diagnostics for s in m.status for v in s.values]
+    lines = [*client.told(), *(log.msg for log in client.logs), *values]
+    assert max(map(len, lines)) < 1000
     # Not for every message, and of a model without loads for a wrench too.
     seen = len(client.logs)
     for _ in range(20):
-        client.send('tendon_tensions', FETCHING_IN_PLANE, names)
+        send()
         client.send_wrench(0.1)
         assert_is_backbone(
             client.ask('tendon_tensions/array', FETCHING_IN_PLANE), FETCHING_IN_PLANE
         )
     assert sum('refused' in log.msg for log in client.logs[seen:]) < 40
-
-
-def test_under_simulated_time_everything_is_on_that_clock_even_when_it_jumps_back():
-    with hosting(OctoArmNode, '-p', 'use_sim_time:=true') as client:
-        clock = client.node.create_publisher(Clock, '/clock', 10)
-        client.connect()
-
-        def stamped_with(second):
-            message = Clock()
-            message.clock.sec = second
-            clock.publish(message)
-            client.send('tendon_tensions/array', FETCHING_IN_PLANE)
-            client.spin()
-            got = client.answers['backbone/path']
-            return bool(got) and got[-1].header.stamp.sec == second
-
-        # A bag that begins anew plays an earlier clock.
-        for second in (5000, 5001, 4000):
-            client.wait(lambda second=second: stamped_with(second), f'an answer at {second} s')
-        client.diagnostics.clear()
-        client.wait(lambda: client.diagnostics, 'a diagnosis, though simulated time stands still')
-        assert client.diagnostics[-1].header.stamp.sec == 4000
-        client.stamps = itertools.count(3999)
-        path, *_ = client.ask('tendon_tensions', FETCHING_IN_PLANE)
-        assert path.header.stamp.sec == 3999
 
 
 def test_a_message_without_a_byte_is_survived():
@@ -194,26 +164,27 @@ def test_loads_and_uncertainty_are_those_of_the_core(loaded):
     assert (np.diag(covariance)[:3] > 0.0).all()
 
 
-def is_felt(client, force, tensions=FETCHING_IN_PLANE):
+def tip_with(client, force):
+    """Where the tip is, and where a force along z would have it."""
+    tip = tip_of(client.ask('tendon_tensions', FETCHING_IN_PLANE))
+    return tip, client.solver.solve(FETCHING_IN_PLANE, [0.0, 0.0, force, 0.0, 0.0, 0.0]).tip
+
+
+def is_felt(client, force):
     """Ask until the force on the tip has arrived."""
-    expected = client.solver.solve(tensions, [0.0, 0.0, force, 0.0, 0.0, 0.0]).tip
-
-    def asked():
-        client.send_wrench(force)
-        tip = tip_of(client.ask('tendon_tensions', tensions))
-        return np.allclose(tip, expected, atol=1e-7)
-
-    client.wait(asked, f'a wrench of {force} N')
+    client.wait(
+        lambda: np.allclose(*tip_with(client, force), atol=1e-7),
+        f'a wrench of {force} N',
+        lambda: client.send_wrench(force),
+    )
 
 
 def test_what_has_no_answer_is_not_published_and_diagnostics_say_why(loaded):
-    def is_told():
-        loaded.send('tendon_tensions', 1e5 * loaded.pull)
-        loaded.spin(0.1)
-        said = [status.message for message in loaded.diagnostics for status in message.status]
-        return any(word in line for word in ('compress', 'converge') for line in said)
-
-    loaded.wait(is_told, 'a diagnosis')
+    loaded.wait(
+        lambda: any('compress' in one or 'converge' in one for one in loaded.told()),
+        'a diagnosis',
+        lambda: loaded.send('tendon_tensions', 1e5 * loaded.pull),
+    )
     loaded.forget()
     tip = tip_of(loaded.ask('tendon_tensions', loaded.pull))
     assert_allclose(tip, loaded.config.solver().solve(loaded.pull).tip, atol=1e-8)
@@ -221,7 +192,7 @@ def test_what_has_no_answer_is_not_published_and_diagnostics_say_why(loaded):
 
 @pytest.fixture
 def exact():
-    with hosting(OctoArmNode, *RELIABLE, *AFFORDED, '-p', 'model:=exact', node='exact') as client:
+    with hosting(OctoArmNode, node='exact', model='exact', **RELIABLE, **AFFORDED) as client:
         client.connect()
         client.solver = CONFIG.solver('exact')
         yield client
@@ -234,9 +205,7 @@ def test_a_wrench_that_does_not_go_with_another_arm_is_dropped_with_a_warning(ex
     assert_is_backbone(exact.ask('tendon_tensions', FETCHING_IN_PLANE), FETCHING_IN_PLANE)
     # And it does not come back by itself.
     assert exact.change(model='exact') == (True, '')
-    tip = tip_of(exact.ask('tendon_tensions', FETCHING_IN_PLANE))
-    free = exact.solver.solve(FETCHING_IN_PLANE).tip
-    assert_allclose(tip, free, atol=1e-7)
+    assert_allclose(*tip_with(exact, 0.0), atol=1e-7)
     is_felt(exact, 0.02)
     assert exact.change(base_frame='elsewhere') == (True, '')
     exact.log("tip_wrench dropped: it was given in 'arm_base', and base_frame is 'elsewhere'")
@@ -249,16 +218,9 @@ def test_a_wrench_beyond_its_bound_and_bytes_that_are_none_are_refused(exact):
         (math.nan, 'arm_base', 'tip wrench is [0.0, 0.0, nan'),
         (0.1, 'somewhere', "its frame is 'somewhere'"),
     ):
-
-        def is_told(force=force, frame=frame, reason=reason):
-            exact.send_wrench(force, frame)
-            exact.spin()
-            return any('tip_wrench refused' in m.msg and reason in m.msg for m in exact.logs)
-
-        exact.wait(is_told, reason)
-        tip = tip_of(exact.ask('tendon_tensions', FETCHING_IN_PLANE))
-        held = exact.solver.solve(FETCHING_IN_PLANE, [0.0, 0.0, 0.02, 0.0, 0.0, 0.0]).tip
-        assert_allclose(tip, held, atol=1e-7)
+        send = partial(exact.send_wrench, force, frame)
+        exact.log('tip_wrench refused', reason, again=send)
+        assert_allclose(*tip_with(exact, 0.02), atol=1e-7)
     assert not exact.change(loads__tip_force=[0.0, 0.0, 1e6])[0]
     exact.wrench.publish(b'\x00\x01\x00\x00nothing')
     is_felt(exact, 0.02)
@@ -266,9 +228,8 @@ def test_a_wrench_beyond_its_bound_and_bytes_that_are_none_are_refused(exact):
 
 def node_with_budget(seconds):
     """A node of the model exact whose solves may take ``seconds``."""
-    budget = f'solve_budget.seconds:={seconds}'
-    given = '-p', budget, '-p', 'model:=exact', '-p', 'stations:=401'
-    return hosting(OctoArmNode, *given, node='brief')
+    given = {'model': 'exact', 'stations': 401, 'solve_budget.seconds': seconds}
+    return hosting(OctoArmNode, node='brief', **given)
 
 
 def send_unbearable(client):
@@ -288,22 +249,16 @@ def unbearable():
 
 def test_a_solve_beyond_its_budget_is_refused_counted_and_told():
     with node_with_budget(1e-6) as client:
-
-        def is_told():
-            send_unbearable(client)
-            words = 'continuation has spent its budget of 1e-06 s'
-            return any('tendon_tensions refused' in m.msg and words in m.msg for m in client.logs)
-
-        client.wait(is_told, 'a refusal in the log')
-
-        def is_counted():
-            send_unbearable(client)
-            return int(client.status('solver')[1]['beyond solve_budget'])
-
-        client.wait(is_counted, 'a count in the diagnostics')
+        spent = 'continuation has spent its budget of 1e-06 s'
+        send = partial(send_unbearable, client)
+        client.log('tendon_tensions refused', spent, again=send)
+        client.wait(
+            lambda: int(client.status('solver')[1]['beyond solve_budget']),
+            'a count in the diagnostics',
+            send,
+        )
         answer = client.call(Solve, 'solve', unbearable())
-        assert not answer.success
-        assert 'continuation has spent its budget of 1e-06 s' in answer.message
+        assert not answer.success and spent in answer.message
         # Of iterations the budget is the same on every computer.
         assert client.change(solve_budget__seconds=1e6, solve_budget__iterations=3) == (True, '')
         assert 'budget of 3 iterations' in client.call(Solve, 'solve', unbearable()).message
@@ -340,12 +295,12 @@ def test_parameters_and_diagnostics_come_between_the_solves_of_any_flood():
                     sum(not one.done() for one in before)
                 )
             )
-            client.wait(lambda left=left: flood() or left, 'an answer')
+            client.wait(lambda left=left: left, 'an answer', flood)
             assert asked.result().values[0].string_value == 'exact'
             # In the order in which they were asked all these came first.
             assert left[0] > 0
         seen = len(client.diagnostics)
-        client.wait(lambda: flood() or len(client.diagnostics) > seen + 1, 'a diagnosis')
+        client.wait(lambda: len(client.diagnostics) > seen + 1, 'a diagnosis', flood)
         assert waiting
 
 
@@ -376,22 +331,18 @@ def test_the_service_find_tensions_reaches_what_can_be_reached(loaded):
     place = request.tip.position
     place.x, place.y, place.z = wanted.tolist()
     answer = loaded.call(FindTensions, 'find_tensions', request)
-    assert answer.success, answer.message
-    assert answer.reached
+    assert answer.success and answer.reached, answer.message
     found = solver.solve(np.reshape(answer.tensions.tension, (1, 4)))
     assert_allclose(found.tip, wanted, atol=1e-6)
     place.x = 9.0
     far = loaded.call(FindTensions, 'find_tensions', request)
-    assert far.success
-    assert not far.reached
-    assert far.error > 8.0
-    request.highest = [1.0, 2.0]
-    refused = loaded.call(FindTensions, 'find_tensions', request)
-    assert not refused.success
-    assert 'highest has 2 values' in refused.message
+    assert far.success and not far.reached and far.error > 8.0
     # What no optimiser can begin with is refused, and the node goes on.
-    request.highest, request.stiffness = [], 5.0
-    request.stiffness_direction.x = math.inf
-    refused = loaded.call(FindTensions, 'find_tensions', request)
-    assert not refused.success
-    assert 'expected three finite numbers' in refused.message
+    request.stiffness = 5.0
+    for highest, direction, words in (
+        ([1.0, 2.0], 1.0, 'highest has 2 values'),
+        ([], math.inf, 'expected three finite numbers'),
+    ):
+        request.highest, request.stiffness_direction.x = highest, direction
+        refused = loaded.call(FindTensions, 'find_tensions', request)
+        assert not refused.success and words in refused.message

@@ -33,12 +33,7 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
     up, fresh = solver.solve(HIGH), solver.solve(LOW)
     down = solver.follow(LOW, up)
     assert np.linalg.norm(down.tip - fresh.tip) > 1e-3
-    options = [
-        word
-        for name, value in SETTINGS.items()
-        for word in ('-p', f'{name}:={value}'.replace(' ', ''))
-    ]
-    with hosting(OctoArmNode, *AFFORDED, *options) as client:
+    with hosting(OctoArmNode, **AFFORDED, **SETTINGS) as client:
         client.connect()
         profiles = client.hear(PointCloud2, 'tendon_tension_profiles')
         # From the start: time goes back.
@@ -123,8 +118,8 @@ def link(parent, child):
 @pytest.fixture(scope='module')
 def felt():
     """Client of a node, and of transforms to a sensor on the tip, a world and a finger."""
-    prefix = '-p', 'frame_prefix:=arm_'
-    with hosting(OctoArmNode, *AFFORDED, '-p', 'model:=exact', *prefix, node='felt') as client:
+    given = {'model': 'exact', 'frame_prefix': 'arm_', **AFFORDED}
+    with hosting(OctoArmNode, node='felt', **given) as client:
         client.connect()
         links = [link('arm_tip', 'sensor'), link('arm_base', 'world')]
         client.static = client.node.create_publisher(tf2.TFMessage, '/tf_static', LATCHED)
@@ -161,13 +156,13 @@ def send(client, frame):
 @pytest.mark.parametrize('frame', ['arm_tip', 'arm_base', 'sensor', 'world', 'sensor'])
 def test_a_wrench_acts_as_its_frame_says(felt, frame):
     expected = expected_of(frame)
-
-    def is_felt():
-        send(felt, frame)
-        tip = tip_of(felt.ask('tendon_tensions', FETCHING_IN_PLANE))
-        return np.allclose(tip, expected, atol=1e-8)
-
-    felt.wait(is_felt, f'a wrench in {frame}')
+    felt.wait(
+        lambda: np.allclose(
+            tip_of(felt.ask('tendon_tensions', FETCHING_IN_PLANE)), expected, atol=1e-8
+        ),
+        f'a wrench in {frame}',
+        lambda: send(felt, frame),
+    )
 
 
 @pytest.mark.parametrize(
@@ -175,10 +170,9 @@ def test_a_wrench_acts_as_its_frame_says(felt, frame):
     [('nowhere', "its frame is 'nowhere'"), ('finger', "which moves on 'arm_tip', expected stat")],
 )
 def test_a_wrench_in_a_frame_that_is_unknown_or_moves_is_refused(felt, frame, reason):
-    def is_told():
+    def send_both():
         felt.moving.publish(tf2.TFMessage(transforms=[link('arm_tip', 'finger')]))
         send(felt, frame)
         felt.ask('tendon_tensions', FETCHING_IN_PLANE)
-        return any('tip_wrench refused' in one.msg and reason in one.msg for one in felt.logs)
 
-    felt.wait(is_told, 'a refusal')
+    felt.log('tip_wrench refused', reason, again=send_both)

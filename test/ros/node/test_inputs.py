@@ -1,11 +1,12 @@
 """Other inputs of the node than tensions as the arm names them, and what is said of inputs."""
 
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from live_nodes import AFFORDED, CONFIG, NAMES, hosting, tip_of
+from live_nodes import AFFORDED, CONFIG, NAMES, hosting, tip_of, xyz
 from numpy.testing import assert_allclose
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
@@ -13,7 +14,7 @@ from sensor_msgs.msg import JointState, LaserScan
 
 from octo_arm_model import Config, displacements_of, solve_displacements, wound_sensitivity
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE, FETCHING_IN_SPACE
-from octo_arm_model.config.parameter_files import load_parameters, preset_path
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.ros.node.main import OctoArmNode
 
 PLANE = np.array(FETCHING_IN_PLANE)
@@ -37,32 +38,26 @@ def joints():
 
 def wait_for_answer(client, publisher, message, expected=EXPECTED.tip, atol=1e-9):
     """Publish until it is answered with its stamp and the ``expected`` tip, that of `PLANE`."""
+    poses = client.answers['backbone/poses']
 
     def answered():
-        publisher.publish(message)
-        client.spin(0.1)
-        poses = client.answers['backbone/poses']
-        if not poses or poses[-1].header.stamp != message.header.stamp:
-            return False
-        tip = poses[-1].poses[-1].position
-        return np.allclose([tip.x, tip.y, tip.z], expected, atol=atol)
+        return (
+            poses
+            and poses[-1].header.stamp == message.header.stamp
+            and np.allclose(xyz(poses[-1].poses[-1].position), expected, atol=atol)
+        )
 
-    client.wait(answered, 'an answer')
+    client.wait(answered, 'an answer', partial(publisher.publish, message))
 
 
 def test_any_field_of_any_type_is_taken_and_may_change_while_the_node_runs():
-    numbers = '[' + ','.join(f'"{n}"' for n in range(1, 13)) + ']'
-    given = (
-        '-p',
-        'tension_type:=sensor_msgs/msg/LaserScan',
-        '-p',
-        'tension_field:=ranges',
-        '-p',
-        f'tension_names:={numbers}',
-        '-r',
-        'tendon_tensions/field:=/daq',
-    )
-    with hosting(OctoArmNode, *given, node='daq') as client:
+    given = {
+        'tension_type': 'sensor_msgs/msg/LaserScan',
+        'tension_field': 'ranges',
+        'tension_names': [str(number) for number in range(1, 13)],
+    }
+    remap = '-r', 'tendon_tensions/field:=/daq'
+    with hosting(OctoArmNode, *remap, node='daq', **given) as client:
         scans = client.node.create_publisher(LaserScan, '/daq', 10)
         wait_for_answer(client, scans, scan())
         client.node.destroy_publisher(scans)
@@ -71,20 +66,19 @@ def test_any_field_of_any_type_is_taken_and_may_change_while_the_node_runs():
         states = client.node.create_publisher(JointState, '/daq', 10)
         wait_for_answer(client, states, joints())
 
-        def is_told(words, message):
-            states.publish(message)
-            client.spin(0.1)
-            return any('/daq refused' in log.msg and words in log.msg for log in client.logs)
+        def is_refused(words, message):
+            client.logs.clear()
+            client.log('/daq refused', words, again=partial(states.publish, message))
 
         # Numbers there are none in such a field, and none there are without a load cell.
-        client.wait(lambda: is_told('no value', JointState(velocity=[1.0])), 'a refusal')
+        is_refused('no value', JointState(velocity=[1.0]))
         assert client.change(tension_field='speed') == (True, '')
-        client.wait(lambda: is_told("no field 'speed'", joints()), 'a refusal')
+        is_refused("no field 'speed'", joints())
         # Not taken for the time of the node.
         client.node.destroy_publisher(states)
         assert client.change(tension_type='rosgraph_msgs/msg/Clock') == (True, '')
         states = client.node.create_publisher(Clock, '/daq', 10)
-        client.wait(lambda: is_told("no field 'speed'", Clock()), 'a refusal')
+        is_refused("no field 'speed'", Clock())
         assert client.change(tension_type='', tension_field='') == (True, '')
         client.wait(lambda: not states.get_subscription_count(), 'the end of the subscription')
 
@@ -113,12 +107,10 @@ def test_readings_around_zero_are_answered_within_the_deadband_and_counted_beyon
         assert client.change(tension_deadband=0.02) == (True, '')
         assert_allclose(tip_of(client.ask('tendon_tensions', readings)), expected)
         client.send('tendon_tensions', readings - 0.05)
-
-        def counted():
-            client.spin(0.1)
-            return 'tension_deadband' in client.status('input')[1]['refused by reason']
-
-        client.wait(counted, 'the refusal by its reason')
+        client.wait(
+            lambda: 'tension_deadband' in client.status('input')[1]['refused by reason'],
+            'the refusal by its reason',
+        )
         scale, offset = np.linspace(0.5, 2.0, 12), np.linspace(-0.3, 0.3, 12)
         raw = (readings.ravel() - offset) / scale
         assert client.change(tension_scale=scale.tolist(), tension_offset=offset.tolist())[0]
@@ -130,32 +122,23 @@ def test_readings_around_zero_are_answered_within_the_deadband_and_counted_beyon
 
 
 WOUND = 0.5 * np.array(FETCHING_IN_SPACE)
-OPTIONS = (
-    '-p',
-    'model:=exact',
-    '-p',
-    'tendons.axial_stiffness:=[800.0]',
-    '-p',
-    'material.youngs_modulus_stddev:=0.05',
-)
+STRETCHING = {
+    'model': 'exact',
+    'tendons.axial_stiffness': [800.0],
+    'material.youngs_modulus_stddev': 0.05,
+}
 
 
 @pytest.fixture(scope='module')
 def wound():
     """Client of a node with tendons that stretch, and its ``solver``."""
-    path = preset_path('renda2012_table4')
-    with hosting(OctoArmNode, *AFFORDED, *OPTIONS, files=[path], node='wound') as client:
+    with hosting(OctoArmNode, node='wound', **AFFORDED, **STRETCHING) as client:
         client.winches = client.node.create_publisher(JointState, 'tendon_displacements', 10)
         client.estimates = client.hear(TendonTensions, 'tendon_tension_estimates')
         client.connect()
         client.wait(client.winches.get_subscription_count, 'a subscription')
         assert list(client.dump()['tendons.axial_stiffness']) == [800.0]
-        changed = {
-            'model': 'exact',
-            'tendons.axial_stiffness': [800.0],
-            'material.youngs_modulus_stddev': 0.05,
-        }
-        config = Config.from_parameters(load_parameters(path) | changed)
+        config = Config.from_parameters(load_parameters('renda2012_table4') | STRETCHING)
         client.solver = config.solver(compiled=None)
         yield client
 
@@ -165,20 +148,15 @@ def reel(client, displacements):
     message = JointState(name=list(displacements), position=list(displacements.values()))
     message.header.stamp.sec = next(client.stamps)
     client.winches.publish(message)
-
-    def answered():
-        stamp = message.header.stamp.sec
-        return all(got and got[-1].header.stamp.sec == stamp for got in client.answers.values())
-
-    client.wait(answered, 'an answer to tendon_displacements')
-    return [got[-1] for got in client.answers.values()]
+    return client.answered(message.header.stamp.sec, 'tendon_displacements')
 
 
 def test_displacements_of_all_tendons_give_back_shape_and_tensions(wound):
     expected = wound.solver.solve(WOUND)
     # Clearly slack: where one is just taut, the derivatives are those of either side.
     asked = displacements_of(wound.solver, expected).ravel() - 1e-3 * (WOUND.ravel() == 0.0)
-    answers = reel(wound, dict(zip(NAMES, asked.tolist(), strict=True)))
+    asked = dict(zip(NAMES, asked.tolist(), strict=True))
+    answers = reel(wound, asked)
     assert_allclose(tip_of(answers), expected.tip, atol=1e-8)
     wound.wait(lambda: wound.estimates, 'tension estimates')
     estimate = wound.estimates[-1]
@@ -186,10 +164,7 @@ def test_displacements_of_all_tendons_give_back_shape_and_tensions(wound):
     assert estimate.header.stamp == answers[0].header.stamp
     assert_allclose(estimate.tension, WOUND.ravel(), atol=1e-8 * WOUND.max())
     covariance = np.reshape(answers[3].pose.covariance, (6, 6))
-    held = wound_sensitivity(
-        wound.solver,
-        solve_displacements(wound.solver, dict(zip(NAMES, asked.tolist(), strict=True))),
-    ).held
+    held = wound_sensitivity(wound.solver, solve_displacements(wound.solver, asked)).held
     by_young = 0.05 * held.by_youngs_modulus.tip
     assert_allclose(
         covariance, by_young @ by_young.T, rtol=1e-4, atol=1e-6 * np.abs(by_young).max() ** 2
@@ -230,12 +205,11 @@ def test_winches_and_load_cells_drive_different_tendons_together(wound):
     ],
 )
 def test_displacements_that_are_none_are_refused_with_a_warning(wound, name, position, problem):
-    def refused():
-        wound.winches.publish(JointState(name=name, position=position))
-        wound.spin(0.2)
-        return problem in wound.status('input')[1]['last refusal']
-
-    wound.wait(refused, 'a refusal')
+    wound.wait(
+        lambda: problem in wound.status('input')[1]['last refusal'],
+        'a refusal',
+        lambda: wound.winches.publish(JointState(name=name, position=position)),
+    )
     given = 0.2 * WOUND
     reel(wound, {})
     expected = wound.solver.solve(given).tip
@@ -279,19 +253,14 @@ def test_motors_in_a_field_of_any_message_reel_as_their_spools_say():
     ).solver()
     expected = solve_displacements(solver, lengths).backbone.tip
     remap = '-r', 'tendon_displacements/field:=/motors'
-    with hosting(OctoArmNode, *AFFORDED, *OPTIONS[:2], *remap, node='spun') as client:
+    with hosting(OctoArmNode, *remap, node='spun', model='exact', **AFFORDED) as client:
         assert client.change(**given) == (True, '')
         motors = client.node.create_publisher(JointState, '/motors', 10)
         message = JointState(name=list(turns), velocity=list(turns.values()))
         message.header.stamp.sec = 79
         wait_for_answer(client, motors, message, expected, 1e-8)
-
-        def is_refused():
-            motors.publish(JointState(name=['m1a'], velocity=[1.0]))
-            client.spin(0.1)
-            return any('/motors refused' in log.msg and "'m1b'" in log.msg for log in client.logs)
-
-        client.wait(is_refused, 'a refusal')
+        bad = JointState(name=['m1a'], velocity=[1.0])
+        client.log('/motors refused', "'m1b'", again=partial(motors.publish, bad))
         done, why = client.change(displacement_field='')
         assert not done and "displacement_field is '', expected both or neither" in why
         assert client.change(displacement_type='', displacement_field='') == (True, '')
@@ -308,13 +277,12 @@ def test_stamps_that_run_backwards_and_two_sources_are_diagnosed(client):
     path, *_ = client.ask('tendon_tensions', FETCHING_IN_PLANE)
     assert path.header.stamp.sec == 500
 
-    def told():
+    def ask_both():
         for topic in ('tendon_tensions', 'tendon_tensions/joint_state'):
             client.ask(topic, FETCHING_IN_PLANE)
-        words = ' '.join(s.message for m in client.diagnostics for s in m.status)
-        return 'running backwards' in words and 'several sources' in words
 
-    client.wait(told, 'the diagnosis')
+    for words in ('running backwards', 'several sources'):
+        client.wait(lambda words=words: words in ' '.join(client.told()), words, ask_both)
     _, values = client.status('input')
     assert int(values['stamps running backwards']) >= 1
     assert float(values['age of the newest stamp [s]']) > 1e6
@@ -340,8 +308,8 @@ def test_silence_is_diagnosed_and_nobody_claims_to_solve_or_publish(client):
 
 
 def test_winches_and_force_sensors_that_die_are_named():
-    options = (*AFFORDED, '-p', 'model:=exact', '-p', f'diagnostics.silence_limit:={SILENCE}')
-    with hosting(OctoArmNode, *options, node='wound') as client:
+    given = {'model': 'exact', 'diagnostics.silence_limit': SILENCE, **AFFORDED}
+    with hosting(OctoArmNode, node='wound', **given) as client:
         winches = client.node.create_publisher(JointState, 'tendon_displacements', 10)
         client.connect()
         client.wait(winches.get_subscription_count, 'a subscription to displacements')
@@ -390,11 +358,9 @@ def test_old_stamps_are_diagnosed_as_soon_as_they_come(client):
     ('kind', 'topic'), [(TendonTensions, 'tendon_tensions'), (JointState, 'tendon_displacements')]
 )
 def test_two_publishers_on_one_topic_are_diagnosed(client, kind, topic):
-    def told():
+    def tell():
         more[0].publish(messages[kind])
         client.ask('tendon_tensions', FETCHING_IN_PLANE)
-        said = [status.message for status in client.diagnostics[-1].status]
-        return any(f'2 publishers on /{topic}' in message for message in said)
 
     client.ask('tendon_tensions', FETCHING_IN_PLANE)
     assert 'publishers on' not in client.status('input')[0].message
@@ -405,8 +371,10 @@ def test_two_publishers_on_one_topic_are_diagnosed(client, kind, topic):
     # One of tensions is there already.
     count = 1 if topic == 'tendon_tensions' else 2
     more = [client.node.create_publisher(kind, topic, 10) for _ in range(count)]
+    words = f'2 publishers on /{topic}'
+    client.diagnostics.clear()
     try:
-        client.wait(told, 'a warning')
+        client.wait(lambda: any(words in one for one in client.told()), 'a warning', tell)
     finally:
         for one in more:
             client.node.destroy_publisher(one)
@@ -414,22 +382,19 @@ def test_two_publishers_on_one_topic_are_diagnosed(client, kind, topic):
 
 @pytest.mark.parametrize(('step', 'is_ahead'), [(0.08, False), (0.01, True)])
 def test_a_coarse_clock_is_not_mistaken_for_stamps_from_the_future(step, is_ahead):
-    with hosting(OctoArmNode, '-p', 'use_sim_time:=true') as client:
-        clock = client.node.create_publisher(Clock, '/clock', 10)
+    with hosting(OctoArmNode, use_sim_time=True) as client:
+        tell_time = client.clock()
 
-        def is_time(nanoseconds):
-            message = Clock()
-            message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 10**9)
-            clock.publish(message)
-            client.spin(0.1)
-            return client.diagnostics and client.diagnostics[-1].header.stamp == message.clock
+        def is_time():
+            stamp = client.diagnostics[-1].header.stamp
+            return (stamp.sec, stamp.nanosec) == divmod(now, 10**9)
 
         client.connect()
         assert 'nothing is heard on /clock' in client.status('input')[0].message
         now = 5000 * 10**9
         for _ in range(3):
             now += int(1e9 * step)
-            client.wait(lambda: is_time(now), 'that time')
+            client.wait(is_time, 'that time', lambda: tell_time(*divmod(now, 10**9)))
         stamped = TendonTensions(name=NAMES, tension=np.zeros(12))
         before = int(client.status('input')[1]['stamps from the future'])
         # The next of the clock is under way; this one has overtaken it and the one before.

@@ -89,7 +89,7 @@ def test_bad_parameters_end_the_node_with_the_line_of_the_command(
 
 
 def test_a_process_that_is_given_a_bad_parameter_says_so_and_ends():
-    process = live_nodes.start_node('ros.node.main', live_nodes.new_domain(), '-p', 'stations:=3')
+    process = live_nodes.start_node('ros.node.main', live_nodes.new_domain(), stations=3)
     assert 'stations is 3, expected at least 4' in live_nodes.check_end(process, 1)
 
 
@@ -131,8 +131,8 @@ def test_of_values_given_twice_the_last_counts_whatever_its_type(tmp_path, run_h
     first = live_nodes.file_with(
         tmp_path, 'stations: 101', 'stations: 101\n    friction_memory: 3'
     )
-    given = ('-p', 'loads.fluid_density:=2')
-    with live_nodes.running('ros.node.main', *given, files=[first, later]) as client:
+    given = {'files': [first, later], 'loads.fluid_density': 2}
+    with live_nodes.running('ros.node.main', **given) as client:
         dumped = client.dump()
         # By SIGINT every other process of `running` ends.
         client.process.send_signal(signal.SIGTERM)
@@ -193,13 +193,6 @@ def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):
     assert not environment
 
 
-@pytest.fixture(scope='module')
-def managed():
-    """Client of a managed node that every test leaves unconfigured."""
-    with live_nodes.hosting(node.ManagedOctoArmNode, node='managed') as client:
-        yield client
-
-
 def test_a_managed_node_answers_while_it_is_active():
     with live_nodes.hosting(node.ManagedOctoArmNode) as client:
         assert client.transition(Transition.TRANSITION_CONFIGURE)
@@ -218,25 +211,26 @@ def test_a_managed_node_answers_while_it_is_active():
         assert client.status('input')[0].message == 'finalized'
 
 
-def test_a_managed_node_that_does_not_answer_says_so(managed):
-    assert managed.change(diagnostics__silence_limit=1e6) == (True, '')
+def test_a_managed_node_that_does_not_answer_says_so():
+    with live_nodes.hosting(node.ManagedOctoArmNode, node='managed') as managed:
+        assert managed.change(diagnostics__silence_limit=1e6) == (True, '')
 
-    def says(words):
-        parts = managed.diagnostics[-1].status if managed.diagnostics else []
-        level = DiagnosticStatus.OK if words == 'waiting' else DiagnosticStatus.WARN
-        return len(parts) == 3 and all((p.message, p.level) == (words, level) for p in parts)
+        def says(words):
+            parts = managed.diagnostics[-1].status if managed.diagnostics else []
+            level = DiagnosticStatus.OK if words == 'waiting' else DiagnosticStatus.WARN
+            return len(parts) == 3 and all((p.message, p.level) == (words, level) for p in parts)
 
-    managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
-    for impossible in (Transition.TRANSITION_ACTIVATE, live_nodes.NO_TRANSITION):
-        assert not managed.transition(impossible)
-    for transition, words in (
-        (Transition.TRANSITION_CONFIGURE, 'inactive'),
-        (Transition.TRANSITION_ACTIVATE, 'waiting'),
-        (Transition.TRANSITION_DEACTIVATE, 'inactive'),
-        (Transition.TRANSITION_CLEANUP, 'unconfigured'),
-    ):
-        assert managed.transition(transition)
-        managed.wait(lambda words=words: says(words), f'the diagnosis of a node that is {words}')
+        managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
+        for impossible in (Transition.TRANSITION_ACTIVATE, live_nodes.NO_TRANSITION):
+            assert not managed.transition(impossible)
+        for transition, words in (
+            (Transition.TRANSITION_CONFIGURE, 'inactive'),
+            (Transition.TRANSITION_ACTIVATE, 'waiting'),
+            (Transition.TRANSITION_DEACTIVATE, 'inactive'),
+            (Transition.TRANSITION_CLEANUP, 'unconfigured'),
+        ):
+            assert managed.transition(transition)
+            managed.wait(lambda words=words: says(words), f'the diagnosis of one that is {words}')
 
 
 def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
@@ -249,36 +243,26 @@ def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('name', 'make_node', 'topic', 'heard', 'first'),
+    ('make_node', 'topic', 'heard', 'first'),
     [
-        (
-            'octo_arm',
-            node.ManagedOctoArmNode,
-            'markers',
-            'tendon_tensions/joint_state',
-            'tendon_tensions',
-        ),
-        (
-            'octo_arm_estimator',
-            ManagedEstimatorNode,
-            'tension_bias',
-            'measured/markers',
-            'measured/tip_pose',
-        ),
+        (node.ManagedOctoArmNode, 'markers', 'tendon_tensions/joint_state', 'tendon_tensions'),
+        (ManagedEstimatorNode, 'tension_bias', 'measured/markers', 'measured/tip_pose'),
     ],
 )
 def test_a_managed_node_that_cannot_publish_or_subscribe_leaves_nothing_behind(
-    name, make_node, topic, heard, first
+    make_node, topic, heard, first
 ):
-    given = '-p', f'qos_overrides./{topic}.publisher.depth:=-5'
-    with live_nodes.hosting(make_node, *given, node=name) as client:
+    with live_nodes.hosting(
+        make_node, **{f'qos_overrides./{topic}.publisher.depth': -5}
+    ) as client:
         for _ in range(2):
             assert not client.transition(Transition.TRANSITION_CONFIGURE)
             client.log('not configured: qos_overrides')
             count = partial(client.node.count_publishers, 'backbone/path')
             client.wait(lambda count=count: count() == 0, 'a node without publishers')
-    given = '-p', f'qos_overrides./{heard}.subscription.depth:=-5'
-    with live_nodes.hosting(make_node, *given, node=name) as client:
+    with live_nodes.hosting(
+        make_node, **{f'qos_overrides./{heard}.subscription.depth': -5}
+    ) as client:
         assert client.transition(Transition.TRANSITION_CONFIGURE)
         for _ in range(2):
             assert not client.transition(Transition.TRANSITION_ACTIVATE)

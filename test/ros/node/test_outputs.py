@@ -1,10 +1,11 @@
 """What the node publishes, and for whom."""
 
 import sys
+from functools import partial
 
 import pytest
-from live_nodes import CONFIG, hosting
-from numpy.testing import assert_allclose
+from live_nodes import CONFIG, hosting, xyz
+from numpy.testing import assert_allclose, assert_array_equal
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
@@ -57,35 +58,25 @@ def test_markers_come_at_their_rate_and_the_last_shape_is_always_drawn(client, d
 
 
 def test_frames_lead_from_the_base_to_the_tip():
-    with hosting(
-        OctoArmNode,
-        '-p',
-        'base.position:=[0.1, -0.2, 0.3]',
-        '-p',
-        'base_frame:=robot',
-        '-p',
-        'frame_prefix:=left_',
-    ) as client:
+    given = {'base_frame': 'robot', 'frame_prefix': 'left_'}
+    with hosting(OctoArmNode, base__position=[0.1, -0.2, 0.3], **given) as client:
         heard = client.hear(TFMessage, '/tf')
         client.connect()
-
-        def are_heard():  # What is published before they meet is not.
-            client.ask('tendon_tensions', FETCHING_IN_SPACE)
-            return heard
-
-        client.wait(are_heard, 'frames')
-        tip = client.ask('tendon_tensions', FETCHING_IN_SPACE)[3]
+        # What is published before they meet is not heard.
+        ask = partial(client.ask, 'tendon_tensions', FETCHING_IN_SPACE)
+        client.wait(lambda: heard, 'frames', ask)
+        tip = ask()[3]
         client.wait(
             lambda: heard[-1].transforms[0].header.stamp == tip.header.stamp, 'the frames of it'
         )
     frames = {frame.child_frame_id: frame for frame in heard[-1].transforms}
     assert set(frames) == {'left_tip', *(f'left_anchorage_{number}' for number in (1, 2, 3))}
     assert {frame.header.frame_id for frame in frames.values()} == {'robot'}
-    found, place = frames['left_tip'].transform, tip.pose.pose.position
+    found, place = frames['left_tip'].transform, xyz(tip.pose.pose.position)
     assert found.rotation == tip.pose.pose.orientation
-    assert [getattr(found.translation, axis) for axis in 'xyz'] == [place.x, place.y, place.z]
+    assert_array_equal(xyz(found.translation), place)
     expected = CONFIG.solver().solve(FETCHING_IN_SPACE).tip + [0.1, -0.2, 0.3]
-    assert_allclose([place.x, place.y, place.z], expected, atol=1e-9)
+    assert_allclose(place, expected, atol=1e-9)
 
 
 def test_without_tf2_msgs_there_is_no_broadcaster_but_a_line_in_the_log(

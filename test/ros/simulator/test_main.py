@@ -3,6 +3,7 @@
 import itertools
 import signal
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,7 +22,6 @@ from live_nodes import (
 )
 from numpy.testing import assert_allclose, assert_array_equal
 from octo_arm_msgs.msg import TendonTensions
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import solve_displacements
@@ -45,27 +45,30 @@ class Controller(RosClient):
 
     def __init__(self, domain, node='octo_arm_sim'):
         super().__init__(domain, node)
-        self.publishers = {
-            topic: self.node.create_publisher(kind, topic, 10) for topic, kind in COMMANDS.items()
-        }
+        self.publishers = {topic: self.teller(kind, topic) for topic, kind in COMMANDS.items()}
         self.measured = self.hear(TendonTensions, 'tendon_tensions')
         self.effective = self.hear(TendonTensions, 'ground_truth/tendon_tensions')
 
     def command(self, tensions, topic='tendon_commands', names=NAMES):
-        self.publishers[topic].publish(tensions_message(topic, tensions, names))
+        self.publishers[topic](tensions_message(topic, tensions, names))
 
     def reach(self, tensions, topic='tendon_commands', tolerance=1e-9):
         """Command tensions until they are measured; returns what was on the way there."""
         self.measured.clear()
         self.effective.clear()
-
-        def is_there():
-            self.command(tensions, topic)
-            read = self.measured
-            return read and np.allclose(read[-1].tension, tensions, rtol=0.0, atol=tolerance)
-
-        self.wait(is_there, f'tensions {tensions}')
+        command = partial(self.command, tensions, topic)
+        self.wait(lambda: self.reads(tensions, tolerance), f'tensions {tensions}', command)
         return np.array([message.tension for message in self.measured])
+
+    def reads(self, tensions, tolerance):
+        """Whether the newest reading is of these tensions [N]."""
+        read = self.measured
+        return read and np.allclose(read[-1].tension, tensions, rtol=0.0, atol=tolerance)
+
+    def hear_anew(self, count=1):
+        """Forget readings and hear so many."""
+        self.measured.clear()
+        self.wait(lambda: len(self.measured) >= count, 'readings')
 
 
 def seconds(message):
@@ -73,22 +76,18 @@ def seconds(message):
     return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
 
-def simulating(*arguments, files=(CONFIG_FILE,)):
-    return hosting(SimulatorNode, *arguments, files=files, client=Controller, node='octo_arm_sim')
-
-
+simulating = partial(hosting, SimulatorNode, client=Controller)
 # No reading is replaced by a newer one before a busy reader takes it.
-EVERY_READING = [
-    word
+EVERY_READING = {
+    f'qos_overrides./{topic}.publisher.depth': 1000
     for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
-    for word in ('-p', f'qos_overrides./{topic}.publisher.depth:=1000')
-]
+}
 
 
 @pytest.fixture(scope='module')
 def shared():
     given = {'client': Controller, 'node': 'octo_arm_sim'}
-    with running('ros.simulator.main', *EVERY_READING, **given) as controller:
+    with running('ros.simulator.main', **given, **EVERY_READING) as controller:
         for topic in COMMANDS:
             controller.reach(PLANE, topic)
             controller.reach(SLACK, topic)
@@ -122,60 +121,43 @@ def test_winches_reel_in_lengths_and_their_encoders_read_them():
     asked = {'tendon_1_1': 0.02, 'tendon_2_2': 0.01}
     given = np.zeros((3, 4))
     given[2, 0] = 1.0
-    options = '-p', 'model:=exact', '-p', 'winches.encoders:=true'
-    with simulating(*options) as controller:
-        lengths = controller.node.create_publisher(JointState, 'tendon_commands/displacements', 10)
+    with simulating(model='exact', winches__encoders=True) as controller:
+        reel = controller.teller(JointState, 'tendon_commands/displacements')
         encoders = controller.hear(JointState, 'tendon_displacements')
         controller.reach(given.ravel())
         solver = CONFIG.solver('exact')
         expected = solve_displacements(solver, asked, {'tendon_3_1': 1.0})
-
-        def is_held():
-            message = JointState(name=list(asked), position=list(asked.values()))
-            lengths.publish(message)
-            read = controller.measured
-            return read and np.allclose(
-                read[-1].tension, expected.backbone.tensions.ravel(), atol=1e-7
-            )
-
-        controller.wait(is_held, 'lengths')
+        tensions = expected.backbone.tensions.ravel()
+        controller.wait(
+            lambda: controller.reads(tensions, 1e-7),
+            'lengths',
+            lambda: reel(name=list(asked), position=list(asked.values())),
+        )
         encoders.clear()
         controller.wait(lambda: encoders, 'encoders')
         assert list(encoders[-1].name) == NAMES
         assert_allclose(encoders[-1].position, expected.displacement.ravel(), atol=1e-8)
         # Beyond what a tendon bears is refused, and what was held still is.
-        lengths.publish(JointState(name=['tendon_1_1'], position=[0.4]))
-        controller.wait(
-            lambda: any('displacements refused' in log.msg for log in controller.logs), 'a refusal'
-        )
+        reel(name=['tendon_1_1'], position=[0.4])
+        controller.log('displacements refused')
         # So it is after a change of what the balance does not depend on.
         assert controller.change(markers_rate=7.0) == (True, '')
-        controller.measured.clear()
-        controller.wait(lambda: controller.measured, 'readings')
-        assert_allclose(
-            controller.measured[-1].tension, expected.backbone.tensions.ravel(), atol=1e-7
-        )
+        controller.hear_anew()
+        assert_allclose(controller.measured[-1].tension, tensions, atol=1e-7)
         assert controller.change(profile__name='ramps') == (True, '')
-        said = 'the profile leaves out, as driven by length: tendon_1_1 tendon_2_2'
-        controller.wait(lambda: any(said in log.msg for log in controller.logs), 'a warning')
-        lengths.publish(JointState())
+        controller.log('the profile leaves out, as driven by length: tendon_1_1 tendon_2_2')
+        reel(JointState())
         controller.reach(given.ravel())
 
 
 def test_encoders_read_an_arm_that_a_new_budget_suffices_for():
     """Also where the arm was solved, or tried to be, within another budget before."""
-    options = (
-        'model:=exact',
-        'winches.encoders:=true',
-        'loads.tip_force:=[0.0, 0.0, 0.01]',
-        'solve_budget.iterations:=1',
-    )
-    with simulating(*(word for one in options for word in ('-p', one))) as controller:
+    given = {'loads.tip_force': [0.0, 0.0, 0.01], 'solve_budget.iterations': 1}
+    with simulating(model='exact', winches__encoders=True, **given) as controller:
         encoders = controller.hear(JointState, 'tendon_displacements')
         controller.reach(SPACE)
         encoders.clear()
-        controller.measured.clear()
-        controller.wait(lambda: len(controller.measured) > 5, 'readings')
+        controller.hear_anew(6)
         assert not encoders
         assert controller.change(solve_budget__iterations=1000) == (True, '')
         controller.wait(lambda: encoders, 'encoders')
@@ -194,18 +176,16 @@ def test_the_hardware_that_parameters_describe_is_between_command_and_reading(co
     quick = {'winches__lag': 0.0, 'winches__force_limit': 0.0, 'relaxation__ratio': 0.5}
     noisy = {'load_cells__noise_stddev': 0.2, 'load_cells__resolution': 0.25}
     assert controller.change(**quick, **noisy, relaxation__time=0.2) == (True, '')
-
-    def has_crept():
-        controller.command(PLANE)
-        return np.allclose(controller.effective[-1].tension, PLANE, rtol=1e-3)
-
     controller.effective.clear()
     controller.wait(lambda: controller.effective, 'the truth')
-    controller.wait(has_crept, 'the creep')
+    controller.wait(
+        lambda: np.allclose(controller.effective[-1].tension, PLANE, rtol=1e-3),
+        'the creep',
+        lambda: controller.command(PLANE),
+    )
     force = np.array([message.tension[10] for message in controller.effective])
     assert np.unique(force).size > 5 and (force < 13.0).all()  # later than it is measured
-    controller.measured.clear()
-    controller.wait(lambda: len(controller.measured) > 50, 'readings')
+    controller.hear_anew(51)
     read = np.array([message.tension for message in controller.measured])
     assert (read < 0.0).any() and len(np.unique(read[:, 10])) > 2
     assert_array_equal(read, 0.25 * np.round(read / 0.25))
@@ -233,18 +213,14 @@ def test_a_bad_command_is_refused_with_a_reason_and_the_one_before_is_kept(contr
     values, names, reason = BAD[case]
     controller.reach(SPACE)
     controller.diagnostics.clear()
-
-    def is_told():
-        controller.command(values, names=names)
-        told = [status.message for message in controller.diagnostics for status in message.status]
-        logged = [log.msg for log in controller.logs]
-        return all(
-            any('refused: ' in m and reason in m for m in those) for those in (told, logged)
-        )
-
-    controller.wait(is_told, 'the refusal in diagnostics and log')
-    controller.measured.clear()
-    controller.wait(lambda: len(controller.measured) > 3, 'readings')
+    bad = partial(controller.command, values, names=names)
+    controller.log('refused: ', reason, again=bad)
+    controller.wait(
+        lambda: any('refused: ' in one and reason in one for one in controller.told()),
+        'the refusal in diagnostics',
+        bad,
+    )
+    controller.hear_anew(4)
     assert_array_equal(controller.measured[-1].tension, SPACE)
     controller.reach(PLANE)
 
@@ -271,8 +247,7 @@ def test_the_simulator_plays_a_profile_until_a_command_comes(controller):
     expected = find_profile('fetching', CONFIG.arm)
     # Neither a command nor a reading of the test before is on its way when the profile begins.
     controller.reach(0.0 * PLANE)
-    controller.measured.clear()
-    controller.wait(lambda: len(controller.measured) > 30, 'readings')
+    controller.hear_anew(31)
     looped = {'profile__name': 'fetching', 'profile__speed': 20.0, 'profile__loop': True}
     assert controller.change(**looped) == (True, '')
     for _ in range(2):
@@ -294,8 +269,7 @@ def test_the_simulator_plays_a_profile_until_a_command_comes(controller):
     assert controller.change(profile__name='fetching', profile__loop=True) == (True, '')
     controller.wait(lambda: any(controller.measured[-1].tension), 'a new beginning')
     controller.reach(SPACE)
-    controller.measured.clear()
-    controller.wait(lambda: len(controller.measured) > 30, 'readings')
+    controller.hear_anew(31)
     assert all(np.array_equal(m.tension, SPACE) for m in controller.measured)
 
 
@@ -316,17 +290,8 @@ def test_a_profile_is_played_from_the_command_line(controller, monkeypatch, capf
 )
 def test_interrupted_in_the_middle_it_lets_the_tendons_go_smoothly(controller, how):
     heard = controller.hear(TendonTensions, 'tendon_commands')
-    process = start(
-        'cli.main',
-        'play',
-        'fetching_in_plane',
-        '--loop',
-        '--speed',
-        '9',
-        '--wait',
-        DEADLINE,
-        domain=controller.domain,
-    )
+    words = f'play fetching_in_plane --loop --speed 9 --wait {DEADLINE}'.split()
+    process = start('cli.main', *words, domain=controller.domain)
     controller.wait(lambda: heard and heard[-1].tension[10] > 6.0, 'a pull')
     process.send_signal(how)
     controller.wait(lambda: process.poll() is not None, 'the release')
@@ -346,26 +311,26 @@ def test_nobody_to_play_to_is_an_error_that_says_what_to_start(monkeypatch, capf
 
 
 def test_under_simulated_time_winches_move_with_that_clock():
-    arguments = ('-p', 'use_sim_time:=true', '-p', 'winches.rate_limit:=1.0')
     later = itertools.count(0, 20_000_000)  # [ns]: two readings a look
-    with simulating(*arguments) as controller:
-        clock = controller.node.create_publisher(Clock, '/clock', 10)
+    with simulating(use_sim_time=True, winches__rate_limit=1.0) as controller:
+        tell_time, read = controller.clock(), controller.measured
 
-        def advanced(second):
-            message = Clock()
-            message.clock.sec, message.clock.nanosec = second, next(later) % 1_000_000_000
-            clock.publish(message)
+        def advance(second):
+            tell_time(second, next(later) % 1_000_000_000)
             controller.command(PLANE)
-            return controller.measured and controller.measured[-1].header.stamp.sec == second
 
         # Before the command is heard time may pass without a movement.
         controller.wait(
-            lambda: advanced(5000) and controller.measured[-1].tension[10] > 0.0, 'a movement'
+            lambda: read and read[-1].tension[10] > 0.0, 'a movement', partial(advance, 5000)
         )
-        del controller.measured[:-1]
+        del read[:-1]
         # A bag that begins anew plays an earlier clock.
         for second in (5003, 4000, 4002):
-            controller.wait(lambda second=second: advanced(second), f'a reading at {second} s')
+            controller.wait(
+                lambda second=second: read[-1].header.stamp.sec == second,
+                f'a reading at {second} s',
+                partial(advance, second),
+            )
     at = list(map(seconds, controller.measured))
     force = np.array([message.tension[10] for message in controller.measured])
     assert force[-1] > 4.0
@@ -375,15 +340,14 @@ def test_under_simulated_time_winches_move_with_that_clock():
 
 def test_under_simulated_time_readings_come_once_a_period_of_that_clock():
     period = 20_000_000  # [ns]
-    arguments = ('-p', 'use_sim_time:=true', '-p', 'rate:=50.0')
-    with simulating(*arguments, *EVERY_READING) as controller:
-        clock = controller.node.create_publisher(Clock, '/clock', 10)
+    with simulating(use_sim_time=True, rate=50.0, **EVERY_READING) as controller:
+        tell_time = controller.clock()
 
         def is_read_at(nanoseconds):
-            message = Clock()
-            message.clock.sec, message.clock.nanosec = divmod(nanoseconds, 10**9)
-            clock.publish(message)
-            return any(m.header.stamp == message.clock for m in controller.measured)
+            now = divmod(nanoseconds, 10**9)
+            tell_time(*now)
+            stamps = (message.header.stamp for message in controller.measured)
+            return any((stamp.sec, stamp.nanosec) == now for stamp in stamps)
 
         # What nobody hears yet does not come again: time goes on until a reading is heard. Where
         # several times wait, rclpy may call the timer once for each and leave out periods for it;
@@ -421,8 +385,8 @@ def test_bad_parameters_end_the_simulator_with_one_line_that_says_why(
 
 
 def test_the_example_is_read_in_any_namespace_and_overridden_by_single_parameters():
-    arguments = ('-p', 'winches.slack_floor:=0.03', '-r', '__ns:=/deep/down')
-    with simulating(*arguments, files=(CONFIG_FILE, EXAMPLE)) as controller:
+    given = {'files': (CONFIG_FILE, EXAMPLE), 'winches.slack_floor': 0.03}
+    with simulating('-r', '__ns:=/deep/down', **given) as controller:
         heard = controller.hear(TendonTensions, '/deep/down/ground_truth/tendon_tensions')
         controller.wait(lambda: heard and heard[-1].tension[0] > 0.0299, 'the slack floor')
         assert heard[-1].tension[0] <= 0.03
@@ -445,10 +409,10 @@ def test_readings_have_the_names_that_the_arm_says_and_are_raw_but_not_the_truth
         assert min(reading.tension) < 0.0
 
         def is_true():
-            controller.command(PLANE)
             true = controller.effective[-1] if controller.effective else None
             return true and list(true.name) == NAMES and np.array_equal(true.tension, PLANE)
 
-        controller.wait(is_true, 'true tensions of all tendons')
+        command = partial(controller.command, PLANE)
+        controller.wait(is_true, 'true tensions of all tendons', command)
     finally:
         assert controller.change(tension_names=[], tension_offset=[]) == (True, '')

@@ -1,6 +1,7 @@
 """The simulator of an arm that moves, over DDS: shape, tendons, services and sensors."""
 
 import itertools
+from functools import partial
 from zipfile import ZipFile
 
 import numpy as np
@@ -11,10 +12,11 @@ from geometry_msgs.msg import (
     PoseStamped,
     PoseWithCovarianceStamped,
     Quaternion,
+    Vector3,
     Vector3Stamped,
     WrenchStamped,
 )
-from live_nodes import RosClient, hosting, new_domain, tensions_message
+from live_nodes import RosClient, hosting, tensions_message, xyz
 from numpy.testing import assert_allclose, assert_array_equal
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
@@ -24,12 +26,12 @@ from std_srvs.srv import SetBool, Trigger
 
 from octo_arm_model import ArmDefinitionError, load_config
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.pushed_arm import touched
 
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)
+NAMES = list(CONFIG.arm.tendon_names)
 PULL = np.array([0.5, 0.0, 0.0, 0.0])
 
 
@@ -37,20 +39,12 @@ def moving(**more):
     """The simulator of an arm that moves, strongly damped, and a client."""
     given = {
         'dynamics': True,
-        'material.density': 1080.0,
-        'motion.damping_time': 0.3,
+        'material__density': 1080.0,
+        'motion__damping_time': 0.3,
         'stations': 21,
         'rate': 50.0,
     }
-    given |= {name.replace('__', '.'): value for name, value in more.items()}
-    return hosting(
-        SimulatorNode,
-        *parameter_arguments(given),
-        files=[FILE],
-        client=MovingArm,
-        node='octo_arm_sim',
-        domain=new_domain(),
-    )
+    return hosting(SimulatorNode, files=[FILE], client=MovingArm, **given | more)
 
 
 class MovingArm(RosClient):
@@ -59,11 +53,16 @@ class MovingArm(RosClient):
     def __init__(self, domain, node='octo_arm_sim'):
         super().__init__(domain, node)
         self.tips = self.hear(PoseWithCovarianceStamped, 'ground_truth/tip_pose')
-        self.clock = self.hear(Clock, '/clock')
+        self.times = self.hear(Clock, '/clock')
+        self.command = self.teller(TendonTensions, 'tendon_commands')
 
     def tip(self):
-        place = self.tips[-1].pose.pose.position
-        return np.array([place.x, place.y, place.z])
+        return xyz(self.tips[-1].pose.pose.position)
+
+    def values(self, key):
+        """All values of a ``key`` that diagnoses said."""
+        statuses = [status for message in self.diagnostics for status in message.status]
+        return {v.value for status in statuses for v in status.values if v.key == key}
 
     def pause(self, is_paused=True):
         assert self.call(SetBool, 'pause', SetBool.Request(data=is_paused)).success
@@ -91,26 +90,20 @@ def ns(stamp):
 def test_the_moving_arm_is_published_paused_stepped_and_reset():
     with moving() as client:
         joints = client.hear(JointState, 'tendon_states')
-        commands = client.node.create_publisher(TendonTensions, 'tendon_commands', 10)
         client.wait(lambda: client.tips and joints, 'the arm')
         straight = client.tip()
         assert_allclose(straight, [0.27, 0.0, 0.0], atol=1e-9)
-        assert list(joints[-1].name) == list(CONFIG.arm.tendon_names)
-        message = tensions_message('tendon_commands', PULL, list(CONFIG.arm.tendon_names))
+        assert list(joints[-1].name) == NAMES
         expected = CONFIG.solver('exact').solve(PULL.reshape(1, 4)).tip
-
-        def is_there():
-            commands.publish(message)
-            return np.linalg.norm(client.tip() - expected) < 1e-4
-
-        client.wait(is_there, 'the equilibrium')
+        client.wait(
+            lambda: np.linalg.norm(client.tip() - expected) < 1e-4,
+            'the equilibrium',
+            lambda: client.command(name=NAMES, tension=PULL),
+        )
         assert_allclose(joints[-1].effort, PULL, atol=1e-9)
         assert joints[-1].position[0] > 0.0
         # It took its time: shapes in between were published.
-        away = [
-            np.linalg.norm([p.x - straight[0], p.y, p.z])
-            for p in (one.pose.pose.position for one in client.tips)
-        ]
+        away = [np.linalg.norm(xyz(one.pose.pose.position) - straight) for one in client.tips]
         whole = np.linalg.norm(expected - straight)
         assert any(0.1 * whole < one < 0.9 * whole for one in away)
         assert not client.trigger('step')[0]
@@ -129,20 +122,16 @@ def test_the_moving_arm_is_published_paused_stepped_and_reset():
 def test_rates_are_those_of_an_arm_that_is_slower_than_a_clock_that_jumps():
     with moving(use_sim_time=True, rate=20.0) as client:
         joints = client.hear(JointState, 'tendon_states')
-        clock = client.node.create_publisher(Clock, '/clock', 10)
+        tell_time = client.clock()
         for second in (5000, 10**6):  # [s], of which it goes on by 0.1 s
-
-            def is_there(second=second):
-                message = Clock()
-                message.clock.sec = second
-                clock.publish(message)
-                return joints and joints[-1].header.stamp.sec == second
-
-            client.wait(is_there, f'the arm at {second} s')
+            client.wait(
+                lambda second=second: joints and joints[-1].header.stamp.sec == second,
+                f'the arm at {second} s',
+                partial(tell_time, second),
+            )
             assert client.change(push__force=[0.0, 0.02, 0.0]) == (True, '')
         client.status('simulator')
-        told = [v for m in client.diagnostics for one in m.status for v in one.values]
-        assert max(float(v.value) for v in told if v.key == 'real time factor') < 100.0
+        assert max(map(float, client.values('real time factor'))) < 100.0
     before, after = (np.array(one.position) for one in joints)
     assert np.abs(after - before).max() > 1e-6
     assert_allclose(joints[-1].velocity, (after - before) / 0.1, rtol=1e-9, atol=1e-12)
@@ -228,10 +217,10 @@ def marked(data, place, value):
 @pytest.mark.parametrize('factor', [0.0, 2.0])
 def test_the_simulators_own_time_goes_on_by_a_period_each_step(factor):
     with moving(publish_clock=True, real_time_factor=factor) as client:
-        client.wait(lambda: len(client.tips) > 20 and len(client.clock) > 20, 'time')
+        client.wait(lambda: len(client.tips) > 20 and len(client.times) > 20, 'time')
         period = 20_000_000  # [ns]
         for times in (
-            [ns(one.clock) for one in client.clock],
+            [ns(one.clock) for one in client.times],
             [ns(one.header.stamp) for one in client.tips],
         ):
             assert set(np.diff(times)) <= {period * count for count in range(1, 1000)}
@@ -239,16 +228,16 @@ def test_the_simulators_own_time_goes_on_by_a_period_each_step(factor):
         _, values = client.status('simulator')
         assert float(values['real time factor']) > 0.0
         client.pause()
-        client.clock.clear()
+        client.times.clear()
         client.spin(0.3)
-        assert not client.clock
+        assert not client.times
         assert client.trigger('reset')[0]
         client.steps(2)
-        assert ns(client.clock[-1].clock) == 2 * period
+        assert ns(client.times[-1].clock) == 2 * period
         assert ns(client.tips[-1].header.stamp) == 2 * period
-        client.clock.clear()
+        client.times.clear()
         client.pause(False)
-        client.wait(lambda: len(client.clock) > 3, 'time')
+        client.wait(lambda: len(client.times) > 3, 'time')
     is_refused = 'real_time_factor is 2.0, expected 1 without publish_clock'
     with pytest.raises(ArmDefinitionError, match=is_refused), moving(real_time_factor=2.0):
         pass
@@ -297,25 +286,19 @@ def test_what_is_not_finite_is_refused_in_a_sentence_and_the_arm_goes_on():
 def test_the_base_and_the_water_move_as_messages_tell(tmp_path):
     given = {'loads__fluid_density': 1022.0, 'motion__water': 'cylinder', 'publish_clock': True}
     with moving(state_file=str(tmp_path / 'state.npz'), **given) as client:
-        base = client.node.create_publisher(PoseStamped, 'base_pose', 10)
-        current = client.node.create_publisher(Vector3Stamped, 'current', 10)
-        push = client.node.create_publisher(Vector3Stamped, 'push/force', 10)
+        base = client.teller(PoseStamped, 'base_pose')
+        current = client.teller(Vector3Stamped, 'current')
+        push = client.teller(Vector3Stamped, 'push/force')
         client.wait(lambda: client.tips, 'the arm')
-
-        def told(publisher, message, condition, what):
-            def is_so():
-                publisher.publish(message)
-                return condition()
-
-            client.wait(is_so, what)
-
         pose = PoseStamped()
         pose.pose.position.z, turn = 0.05, CONFIG.base.quaternion
         pose.pose.orientation = Quaternion(**dict(zip('xyzw', turn)))
-        told(base, pose, lambda: np.allclose(client.tip(), [0.27, 0.0, 0.05], atol=1e-4), 'a move')
-        flow = Vector3Stamped()
-        flow.vector.y = 0.1
-        told(current, flow, lambda: client.tip()[1] > 1e-3, 'a current')
+        moved = [0.27, 0.0, 0.05]
+        client.wait(
+            lambda: np.allclose(client.tip(), moved, atol=1e-4), 'a move', partial(base, pose)
+        )
+        flow = Vector3(y=0.1)
+        client.wait(lambda: client.tip()[1] > 1e-3, 'a current', partial(current, vector=flow))
         # All of it is in the state that is saved.
         client.pause()
         assert client.trigger('save_state')[0]
@@ -327,27 +310,20 @@ def test_the_base_and_the_water_move_as_messages_tell(tmp_path):
         far.pose.position.x, far.pose.orientation = 1.0, pose.pose.orientation
         odd.pose.orientation.w = float('nan')
         strange.header.frame_id = 'map'
-        fast, strong = Vector3Stamped(), Vector3Stamped()
-        fast.vector.x, strong.vector.x = float('inf'), 1e300
-        for publisher, message, reason in (
+        fast, strong = (Vector3Stamped(vector=Vector3(x=x)) for x in (float('inf'), 1e300))
+        for tell, message, reason in (
             (base, far, 'rad from where the base is, expected at most 0.1 m and 0.3 rad'),
             (base, odd, 'base.quaternion is '),
             (base, strange, "the pose is in frame 'map', expected 'arm_base'"),
             (current, fast, 'expected three finite numbers [m/s]'),
             (push, strong, 'force on the tip is 1e+300 N, expected'),
         ):
-            told(
-                publisher,
-                message,
-                lambda reason=reason: any(reason in log.msg for log in client.logs),
-                reason,
-            )
+            client.log(reason, again=partial(tell, message))
         assert client.trigger('reset')[0]
         client.tips.clear()
         client.wait(lambda: client.tips and abs(client.tip()[2]) < 1e-9, 'the arm at first')
         assert client.status('simulator')[1]['failed steps'] == '0'
-        told = [v for m in client.diagnostics for one in m.status for v in one.values]
-        assert {v.value for v in told if v.key == 'commands [Hz]'} == {'0.0'}
+        assert client.values('commands [Hz]') == {'0.0'}
 
 
 def test_commanders_that_contradict_each_other_are_named():
@@ -356,22 +332,18 @@ def test_commanders_that_contradict_each_other_are_named():
         array = other.create_publisher(Float64MultiArray, '/tendon_commands/array', 10)
         same = other.create_publisher(TendonTensions, '/tendon_commands', 10)
         mine = client.node.create_publisher(TendonTensions, 'tendon_commands', 10)
-        names = list(CONFIG.arm.tendon_names)
 
         def following(expected, *commands):
             """Wait for what is reported while ``commands`` come again and again."""
-            turns, said = itertools.cycle(commands), []
+            turns = itertools.cycle(commands)
 
-            def is_reported():
+            def command():
                 publisher, topic, pull = next(turns)
-                publisher.publish(tensions_message(topic, pull * PULL, names))
-                client.spin(0.02)
-                said[:] = [one.status[0].message for one in client.diagnostics]
-                return expected in said[-2:]
+                publisher.publish(tensions_message(topic, pull * PULL, NAMES))
 
             client.diagnostics.clear()
-            client.wait(is_reported, expected)
-            return said
+            client.wait(lambda: expected in client.told()[-2:], expected, command)
+            return client.told()
 
         one = mine, 'tendon_commands', 1.0
         quiet = 'following commands'
@@ -408,21 +380,19 @@ def test_a_reset_forgets_commands_pushes_and_the_history_of_friction(is_moving):
         **more,
     ) as client:
         tips = client.hear(PoseWithCovarianceStamped, topic)
-        commands = client.node.create_publisher(TendonTensions, 'tendon_commands', 10)
-        names = list(CONFIG.arm.tendon_names)
+
+        def last(count):
+            return np.array([xyz(one.pose.pose.position) for one in tips[-count:]])
 
         def settled(pull):
-            """Places of the tip under a pull from the beginning of time on, once it is told."""
+            """Place of the tip at rest under a pull, once it is told."""
             tips.clear()
-            found = []
-
-            def is_still():
-                commands.publish(tensions_message('tendon_commands', pull * PULL, names))
-                found[:] = [(p.x, p.y, p.z) for p in (one.pose.pose.position for one in tips)]
-                return len(found) > 10 and np.ptp(found[-5:], axis=0).max() < 1e-6
-
-            client.wait(is_still, 'rest')
-            return np.array(found[-1])
+            client.wait(
+                lambda: len(tips) > 10 and np.ptp(last(5), axis=0).max() < 1e-6,
+                'rest',
+                lambda: client.command(name=NAMES, tension=pull * PULL),
+            )
+            return last(1)[0]
 
         client.wait(lambda: tips, 'the arm')
         first = settled(0.5)
@@ -434,8 +404,7 @@ def test_a_reset_forgets_commands_pushes_and_the_history_of_friction(is_moving):
         assert client.trigger('reset')[0]
         tips.clear()
         client.wait(lambda: len(tips) > 5, 'the arm')
-        place = tips[-1].pose.pose.position
-        assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
+        assert_allclose(last(1), [[0.27, 0.0, 0.0]], atol=1e-9)
         assert_allclose(settled(0.5), first, atol=1e-5)
 
 
@@ -452,78 +421,65 @@ KINDS = {
 }
 
 
-def simulating(domain, **more):
+def pushed(**more):
     """The simulator of an arm that is pushed all the time, and a client."""
     given = {'stations': 21, **OF_SIMULATOR, 'push.period': 0.0, 'rate': 20.0, **more}
-    return hosting(
-        SimulatorNode,
-        *parameter_arguments(given),
-        files=[FILE],
-        client=RosClient,
-        node='octo_arm_sim',
-        domain=domain,
-    )
+    return hosting(SimulatorNode, files=[FILE], **given)
 
 
 def test_sensors_measure_the_arm_that_is_pushed():
-    exact = {
-        'sensors.tip_position_stddev': 0.0,
-        'sensors.tip_rotation_stddev': 0.0,
-        'sensors.marker_stddev': 0.0,
-        'sensors.base_wrench_rate': 10.0,
-    }
-    with simulating(new_domain(), **exact) as client:
+    kinds = 'tip_position', 'tip_rotation', 'marker'
+    exact = {f'sensors.{kind}_stddev': 0.0 for kind in kinds} | {'sensors.base_wrench_rate': 10.0}
+    with pushed(**exact) as client:
         heard = {topic: client.hear(kind, topic) for topic, kind in KINDS.items()}
         client.wait(lambda: all(heard.values()), 'measurements')
         solver = CONFIG.solver('exact', 401)
         shape = solver.solve(np.zeros((1, 4)), np.append(FORCE, np.zeros(3)))
         tip = heard['measured/tip_pose'][-1]
-        place = tip.pose.pose.position
-        assert_allclose([place.x, place.y, place.z], shape.tip, atol=1e-6)
+        assert_allclose(xyz(tip.pose.pose.position), shape.tip, atol=1e-6)
         assert tip.header.frame_id == 'arm_base'
         places = [
             np.interp(OF_SIMULATOR['sensors.marker_s'], shape.s, one) for one in shape.position.T
         ]
-        seen = [pose.position for pose in heard['measured/markers'][-1].poses]
-        assert_allclose([(p.x, p.y, p.z) for p in seen], np.transpose(places), atol=1e-5)
-        wrench = heard['measured/base_wrench'][-1].wrench
-        moment = [wrench.torque.x, wrench.torque.y, wrench.torque.z]
+        seen = [xyz(pose.position) for pose in heard['measured/markers'][-1].poses]
+        assert_allclose(seen, np.transpose(places), atol=1e-5)
+        moment = xyz(heard['measured/base_wrench'][-1].wrench.torque)
         assert_allclose(moment, np.cross(shape.tip, FORCE), atol=1e-6)
-        true = heard['ground_truth/tip_wrench'][-1].wrench.force
-        assert_allclose([true.x, true.y, true.z], FORCE, rtol=1e-12)
+        true = xyz(heard['ground_truth/tip_wrench'][-1].wrench.force)
+        assert_allclose(true, FORCE, rtol=1e-12)
         # Nothing pushes any more, and another place cannot be pushed.
         assert client.change(push__force=[0.0, 0.0, 0.0]) == (True, '')
         heard['measured/tip_pose'].clear()
         client.wait(lambda: heard['measured/tip_pose'], 'the tip')
-        place = heard['measured/tip_pose'][-1].pose.pose.position
-        assert_allclose([place.x, place.y, place.z], [0.27, 0.0, 0.0], atol=1e-9)
+        place = xyz(heard['measured/tip_pose'][-1].pose.pose.position)
+        assert_allclose(place, [0.27, 0.0, 0.0], atol=1e-9)
         done, why = client.change(push__s=1.0, push__force=[0.0, 0.0, 0.01])
         assert not done and 'push.s is 1.0' in why
 
 
 def test_the_arm_is_pushed_and_let_go_when_asked():
-    with simulating(new_domain(), **{'push.period': 1e6}) as client:
+    with pushed(**{'push.period': 1e6}) as client:
         heard = client.hear(WrenchStamped, 'ground_truth/tip_wrench')
 
-        def becomes(force):
-            def is_so():
-                found = heard[-1].wrench.force if heard else None
-                return found and np.allclose([found.x, found.y, found.z], force, atol=1e-12)
+        def push(is_on, force):
+            answer = client.call(SetBool, 'push', SetBool.Request(data=is_on))
+            becomes(force)
+            return answer.success, answer.message
 
-            client.wait(is_so, f'a push of {force} N')
+        def becomes(force):
+            client.wait(
+                lambda: heard and np.allclose(xyz(heard[-1].wrench.force), force, atol=1e-12),
+                f'a push of {force} N',
+            )
 
         becomes(np.zeros(3))  # the first half of the period
-        answer = client.call(SetBool, 'push', SetBool.Request(data=True))
-        assert answer.success and answer.message.startswith('pushes the tip with [')
-        becomes(FORCE)
-        answer = client.call(SetBool, 'push', SetBool.Request(data=False))
-        assert (answer.success, answer.message) == (True, 'lets go')
-        becomes(np.zeros(3))
-        assert client.call(SetBool, 'push', SetBool.Request(data=True)).success
-        becomes(FORCE)
+        done, said = push(True, FORCE)
+        assert done and said.startswith('pushes the tip with [')
+        assert push(False, np.zeros(3)) == (True, 'lets go')
+        assert push(True, FORCE)[0]
         # Parameters are as they say again.
         assert client.change(push__period=1e5) == (True, '')
         becomes(np.zeros(3))
         assert client.change(push__force=[0.0, 0.0, 0.0]) == (True, '')
-        answer = client.call(SetBool, 'push', SetBool.Request(data=True))
-        assert not answer.success and answer.message.startswith('push.force is 0, expected')
+        done, said = push(True, np.zeros(3))
+        assert not done and said.startswith('push.force is 0, expected')

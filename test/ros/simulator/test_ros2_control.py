@@ -1,19 +1,19 @@
 """Controllers of ros2_control: how they are configured, and what they send, over real DDS."""
 
+from functools import partial
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import yaml
 from checkout import ROOT
-from live_nodes import RosClient, hosting, new_domain
+from live_nodes import RosClient, hosting
 from numpy.testing import assert_allclose
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from octo_arm_model import ConfigError, load_config, solve_displacements
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.processes import parameter_arguments
 from octo_arm_model.ros.simulator.main import SimulatorNode
 from octo_arm_model.simulation.simulator import COMMANDS, STATES, robot_description
 
@@ -36,7 +36,7 @@ class TopicSystem(RosClient):
 
     def __init__(self, domain, node='octo_arm_sim'):
         super().__init__(domain, node)
-        self.publisher = self.node.create_publisher(JointState, COMMANDS, QoSProfile(depth=1))
+        self.tell = self.teller(JointState, COMMANDS, QoSProfile(depth=1))
         self.states = self.hear(JointState, STATES, qos_profile_sensor_data)
         self.sent = 0
 
@@ -47,32 +47,24 @@ class TopicSystem(RosClient):
         if not np.abs(state - command).sum() <= THRESHOLD:
             message = JointState(name=NAMES, **{interface: command.tolist()})
             message.header.stamp = self.node.get_clock().now().to_msg()
-            self.publisher.publish(message)
+            self.tell(message)
             self.sent += 1
 
     def reach(self, interface, command, tolerance=THRESHOLD):
         """Write until the states are the ``command``."""
 
         def is_there():
-            self.write(interface, command)
             state = getattr(self.states[-1], interface)
             return np.abs(np.array(state) - command).sum() <= tolerance
 
         self.wait(lambda: self.states, 'states')
-        self.wait(is_there, f'{interface} {command}')
+        write = partial(self.write, interface, command)
+        self.wait(is_there, f'{interface} {command}', write)
 
 
 @pytest.fixture(scope='module')
 def system():
-    words = parameter_arguments(MOVING)
-    with hosting(
-        SimulatorNode,
-        *words,
-        files=[FILE],
-        client=TopicSystem,
-        node='octo_arm_sim',
-        domain=new_domain(),
-    ) as found:
+    with hosting(SimulatorNode, files=[FILE], client=TopicSystem, **MOVING) as found:
         yield found
 
 
@@ -135,26 +127,23 @@ def test_commands_by_effort_and_by_position_reach_their_states_and_then_end(syst
     # Slack tendons are not taut at any length: those that pull come to theirs.
     pulled = expected.backbone.tensions.ravel() > 0.0
 
+    wanted = np.array(list(lengths.values()))
+
     def is_there():
-        system.write('position', np.array(list(lengths.values())))
         last = system.states[-1]
         return np.allclose(last.effort, expected.backbone.tensions.ravel(), atol=1e-6) and (
-            np.allclose(
-                np.array(last.position)[pulled], np.array([*lengths.values()])[pulled], atol=1e-5
-            )
+            np.allclose(np.array(last.position)[pulled], wanted[pulled], atol=1e-5)
         )
 
-    system.wait(is_there, 'lengths')
+    system.wait(is_there, 'lengths', lambda: system.write('position', wanted))
     # The newest command of a tendon counts, whatever its interface; others stay as they are.
-    some = JointState(name=NAMES[:1], effort=[0.25])
     held = {name: length for name, length in lengths.items() if name != NAMES[0]}
-    expected = solve_displacements(CONFIG.solver('exact'), held, {NAMES[0]: 0.25})
-
-    def is_mixed():
-        system.publisher.publish(some)
-        return np.allclose(system.states[-1].effort, expected.backbone.tensions.ravel(), atol=1e-6)
-
-    system.wait(is_mixed, 'a tension beside lengths')
+    mixed = solve_displacements(CONFIG.solver('exact'), held, {NAMES[0]: 0.25}).backbone
+    system.wait(
+        lambda: np.allclose(system.states[-1].effort, mixed.tensions.ravel(), atol=1e-6),
+        'a tension beside lengths',
+        lambda: system.tell(name=NAMES[:1], effort=[0.25]),
+    )
     system.reach('effort', np.zeros(4))
 
 
@@ -194,17 +183,8 @@ def test_other_commands_are_refused_counted_and_the_one_before_is_kept(system, c
     system.reach('effort', before)
     system.diagnostics.clear()
 
-    def is_told():
-        system.publisher.publish(JointState(name=names, **arrays))
-        logged = [log.msg for log in system.logs]
-        told = [
-            {value.key: value.value for value in status.values}
-            for message in system.diagnostics
-            for status in message.status
-        ]
-        return any(f'/{COMMANDS} refused: ' in words and reason in words for words in logged) and (
-            any(reason in one['last refusal'] and int(one['refused']) for one in told)
-        )
-
-    system.wait(is_told, 'the refusal in log and diagnostics')
+    bad = partial(system.tell, name=names, **arrays)
+    system.log(f'/{COMMANDS} refused: ', reason, again=bad)
+    system.wait(lambda: reason in system.status('simulator')[1]['last refusal'], 'its count', bad)
+    assert int(system.status('simulator')[1]['refused'])
     assert_allclose(system.states[-1].effort, before, atol=1e-12)

@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip('simulation_interfaces', reason='needs simulation_interfaces, in no wheel')
 
-from live_nodes import RosClient, hosting, new_domain
+from live_nodes import hosting
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
 from simulation_interfaces.msg import Result, SimulationState, SimulatorFeatures
@@ -24,35 +24,30 @@ PERIOD = 10_000_000  # [ns]
 
 
 def test_states_steps_and_resets_are_those_of_the_standard():
-    options = '-p', 'publish_clock:=true'
-    with hosting(
-        SimulatorNode, *options, client=RosClient, node='octo_arm_sim', domain=new_domain()
-    ) as client:
+    with hosting(SimulatorNode, publish_clock=True) as client:
         clock = client.hear(Clock, '/clock')
         readings = client.hear(TendonTensions, 'tendon_tensions')
 
+        def ask(kind, name, **fields):
+            return client.call(kind, name, kind.Request(**fields))
+
         def turn(state):
-            request = SetSimulationState.Request()
-            request.state.state = state
-            return client.call(SetSimulationState, 'set_simulation_state', request).result
+            wanted = SimulationState(state=state)
+            return ask(SetSimulationState, 'set_simulation_state', state=wanted).result
 
         def state():
-            request = GetSimulationState.Request()
-            return client.call(GetSimulationState, 'get_simulation_state', request).state.state
+            return ask(GetSimulationState, 'get_simulation_state').state.state
 
         def step(count):
-            request = StepSimulation.Request(steps=count)
-            return client.call(StepSimulation, 'step_simulation', request).result
+            return ask(StepSimulation, 'step_simulation', steps=count).result
 
         def reset(scope):
-            request = ResetSimulation.Request(scope=scope)
-            return client.call(ResetSimulation, 'reset_simulation', request).result.result
+            return ask(ResetSimulation, 'reset_simulation', scope=scope).result.result
 
         def nanoseconds():
             return 10**9 * clock[-1].clock.sec + clock[-1].clock.nanosec
 
-        request = GetSimulatorFeatures.Request()
-        features = client.call(GetSimulatorFeatures, 'get_simulator_features', request).features
+        features = ask(GetSimulatorFeatures, 'get_simulator_features').features
         assert SimulatorFeatures.STEP_SIMULATION_MULTIPLE in features.features
         client.wait(lambda: clock, 'time')
         assert state() == PLAYING
