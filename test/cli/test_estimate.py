@@ -36,16 +36,16 @@ def test_the_summary_says_when_and_how_hard(cli):
 
 def test_sensors_of_which_one_may_lie_are_named_as_those_that_are_refused(short_bag, cli):
     # A force that is not expected: the tip lies, and for a while it may as well be a load cell.
-    given = ['estimate', short_bag, '--cell-fault', '0.5', '--sensor-fault', '0.005']
-    given += ['--tension-rate', '1', '--force-stddev', '0.003']
-    lines = [one for one in cli(*given)[1].splitlines() if one.startswith('one of these sensors')]
+    given = f'estimate {short_bag} --cell-fault 0.5 --sensor-fault 0.005 --tension-rate 1'
+    given += ' --force-stddev 0.003'
+    lines = [one for one in cli(given)[1].splitlines() if one.startswith('one of these sensors')]
     assert any('may lie: load cell tendon_1_1, tip pose (' in line for line in lines)
-    assert len(json.loads(cli(*given, '--json')[1])['suspects']) == len(lines)
+    assert len(cli.json(f'{given} --json')['suspects']) == len(lines)
 
 
 def test_what_is_not_known_is_null_in_json(short_bag, cli):
-    tips = '--midlines', '/measured/tip_pose', '--tip-pose', '-', '--align', 'none'
-    status, out, _ = cli('estimate', str(short_bag), *tips, '--json')
+    tips = '--midlines /measured/tip_pose --tip-pose - --align none'
+    status, out, _ = cli(f'estimate {short_bag} {tips} --json')
     result = json.loads(out, parse_constant=pytest.fail)
     assert status == 0 and result['camera']['mean_error'] == [None, None]
     assert all(0.0 < error < 1e-2 for error in result['camera']['tip_error'])
@@ -53,16 +53,14 @@ def test_what_is_not_known_is_null_in_json(short_bag, cli):
 
 def test_bag_tables_and_json_say_the_same(short_bag, tmp_path, cli):
     out, tables = tmp_path / 'estimated', tmp_path / 'tables'
-    given = ['--out', str(out), '--csv', str(tables), '--rate', '0', '--json']
-    given += ['--tension-bias-stddev', '0.01', '--tension-loss-stddev', '0.1']
-    given += ['--storage', 'sqlite3']
-    status, printed, _ = cli('estimate', str(short_bag), *given)
-    assert status == 0
-    result = json.loads(printed)
-    with (tables / 'estimate.csv').open(newline='') as file:
-        rows = list(csv.DictReader(file))
-    with (tables / 'innovations.csv').open(newline='') as file:
-        innovations = list(csv.DictReader(file))
+    result = cli.json(
+        f'estimate {short_bag} --out {out} --csv {tables} --rate 0 --storage sqlite3 --json '
+        '--tension-bias-stddev 0.01 --tension-loss-stddev 0.1'
+    )
+    rows, innovations = (
+        list(csv.DictReader((tables / f'{name}.csv').read_text().splitlines()))
+        for name in ('estimate', 'innovations')
+    )
     assert len(rows) == result['times']
     assert len(innovations) == 4 * result['innovations']['tensions']['accepted'] + 6 * (
         sum(result['innovations']['tip pose'][name] for name in ('accepted', 'refused'))
@@ -109,9 +107,8 @@ def test_bag_tables_and_json_say_the_same(short_bag, tmp_path, cli):
 
 def test_a_rate_thins_out_the_bag_alone(short_bag, tmp_path, cli):
     out = tmp_path / 'estimated'
-    given = ['--out', str(out), '--rate', '2', '--no-copy', '--json']
-    status, printed, _ = cli('estimate', str(short_bag), *given)
-    assert status == 0 and json.loads(printed)['times'] > 60
+    result = cli.json(f'estimate {short_bag} --out {out} --rate 2 --no-copy --json')
+    assert result['times'] > 60
     with BagReader(out) as reader:
         assert '/tendon_tensions' not in reader.topics
         count = reader.count(['/backbone/path'])
@@ -123,50 +120,44 @@ def test_a_rate_thins_out_the_bag_alone(short_bag, tmp_path, cli):
 def test_the_picture_is_drawn(short_bag, tmp_path, cli, contact):
     pytest.importorskip('matplotlib')
     path = tmp_path / 'pictures' / 'touch.png'
-    given = '--contact', contact, '--plot', path
-    assert cli('estimate', short_bag, *given)[0] == 0
+    assert cli(f'estimate {short_bag} --contact {contact} --plot {path}')[0] == 0
     assert path.read_bytes().startswith(b'\x89PNG')
 
 
 def test_tip_poses_alone_do(short_bag, cli):
     """Without load cells tensions keep their priors, and there is no shape to compare with."""
-    given = ['--tensions', '-', '--force-stddev', '0.001', '--json']
-    status, printed, _ = cli('estimate', str(short_bag), *given)
-    result = json.loads(printed)
-    assert status == 0 and set(result['innovations']) == {'tip pose'}
+    result = cli.json(f'estimate {short_bag} --tensions - --force-stddev 0.001 --json')
+    assert set(result['innovations']) == {'tip pose'}
     assert any('is not compared with: there are no tensions' in one for one in result['notes'])
     assert any('tensions change by' in one for one in result['notes'])
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'words'),
+    ('options', 'words'),
     [
-        (['--contact', 'elbow'], '--contact is elbow, expected one of tip, at, somewhere'),
-        (['--contact', 'at'], 'contact_s is empty, expected where the arm is touched'),
-        (['--contact', 'at', 'here'], '--contact at is followed by here, expected arc coord'),
-        (['--contact', 'somewhere', '--smooth'], '--smooth goes with one place of contact'),
-        (['--rate', '-5'], '--rate is -5.0, expected a finite rate >= 0 [Hz]'),
-        (['--clock-offset', 'nan'], '--clock-offset is nan, expected a finite time'),
-        (['--align', '1', '2'], '--align is 1 2, expected fit, none or X Y Z'),
-        (['--markers', '/gone'], 'no topic /gone for measured/markers; it has'),
-        (['--tensions', '/camera/midline'], 'topic /camera/midline is of nav_msgs/msg/Path'),
-        (['--midlines', '/tendon_tensions'], 'is of octo_arm_msgs/msg/TendonTensions, expected'),
-        (['--tensions', '-', '--tip-pose', '-'], 'nothing is measured there, expected tensions'),
-        (['--no-copy'], '--no-copy has no effect without --out'),
-        (['--storage', 'sqlite3'], '--storage has no effect without --out'),
-        (['--rate', '0'], '--rate has no effect without --out'),
-        (['--marker-s', '0.1'], '--marker-s has no effect without measured/markers; there are te'),
-        (['--tensions', '-', '--tension-stddev', '1'], '--tension-stddev has no effect without t'),
-        (['--tensions', '-', '--tendons', *'abcd'], '--tendons has no effect without tensions; t'),
-        (['--contact', 'none', '--force-stddev', '1'], 'no effect with --contact none'),
-        (['--current-stddev', '1'], '--current-stddev has no effect with --contact tip'),
-        (['--contact', 'at', '0.1', '--change-time', '1'], 'no effect with --contact at'),
-        (['--tension-bias-rate', '1'], 'no effect without --tension-bias-stddev'),
-        (['--tensions', '-', '--clock-offset', '1'], '--clock-offset has no effect without --mid'),
+        ('--contact elbow', '--contact is elbow, expected one of tip, at, somewhere'),
+        ('--contact at', 'contact_s is empty, expected where the arm is touched'),
+        ('--contact at here', '--contact at is followed by here, expected arc coord'),
+        ('--contact somewhere --smooth', '--smooth goes with one place of contact'),
+        ('--rate -5', '--rate is -5.0, expected a finite rate >= 0 [Hz]'),
+        ('--clock-offset nan', '--clock-offset is nan, expected a finite time'),
+        ('--align 1 2', '--align is 1 2, expected fit, none or X Y Z'),
+        ('--markers /gone', 'no topic /gone for measured/markers; it has'),
+        ('--tensions /camera/midline', 'topic /camera/midline is of nav_msgs/msg/Path'),
+        ('--midlines /tendon_tensions', 'is of octo_arm_msgs/msg/TendonTensions, expected'),
+        ('--tensions - --tip-pose -', 'nothing is measured there, expected tensions'),
+        ('--no-copy', '--no-copy has no effect without --out'),
+        ('--storage sqlite3', '--storage has no effect without --out'),
+        ('--rate 0', '--rate has no effect without --out'),
+        ('--marker-s 0.1', '--marker-s has no effect without measured/markers; there are te'),
+        ('--tensions - --tension-stddev 1', '--tension-stddev has no effect without t'),
+        ('--tensions - --tendons a b c d', '--tendons has no effect without tensions; t'),
+        ('--contact none --force-stddev 1', 'no effect with --contact none'),
+        ('--current-stddev 1', '--current-stddev has no effect with --contact tip'),
+        ('--contact at 0.1 --change-time 1', 'no effect with --contact at'),
+        ('--tension-bias-rate 1', 'no effect without --tension-bias-stddev'),
+        ('--tensions - --clock-offset 1', '--clock-offset has no effect without --mid'),
     ],
 )
-def test_wrong_options_are_one_line(short_bag, arguments, words, cli):
-    status, out, errors = cli('estimate', str(short_bag), *arguments)
-    assert (status, out) == (2, '')
-    (line,) = [one for one in errors.splitlines() if 'compiling' not in one]
-    assert line.startswith('octo-arm: ') and words in line
+def test_wrong_options_are_one_line(short_bag, options, words, cli):
+    assert words in cli.refused(f'estimate {short_bag} {options}')

@@ -8,21 +8,19 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from octo_arm_model import load_config
+from octo_arm_model import Config
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 
 # All of them need ROS 2 and the message package, see make test.
 collect_ignore_glob = [] if find_spec('rclpy') and find_spec('octo_arm_msgs') else ['*']
-LOADED = """\
-/**:
-  ros__parameters:
-    model: exact
-    material: {youngs_modulus: 110000.0, density: 1080.0, youngs_modulus_stddev: 0.05}
-    body: {length: 0.27, radius_base: 0.015, radius_tip: 0.0074}
-    sections: {anchorage: [0.27], offset_base: [0.005], offset_anchorage: [0.0025]}
-    loads: {gravity: [0.0, 0.0, -9.81], fluid_density: 1000.0}
-    tension_stddev: 0.02
-    solve_budget: {seconds: 60.0}
-"""
+LOADED = {
+    'model': 'exact',
+    'material.density': 1080.0,
+    'material.youngs_modulus_stddev': 0.05,
+    'loads.gravity': [0.0, 0.0, -9.81],
+    'loads.fluid_density': 1000.0,
+    'tension_stddev': 0.02,
+}
 
 
 @pytest.fixture
@@ -72,16 +70,15 @@ def client():
 
 
 @pytest.fixture(scope='module')
-def loaded(tmp_path_factory):
+def loaded():
     """Client of a node with a loaded arm of the model exact, its ``config`` and ``pull`` [N]."""
-    from live_nodes import RELIABLE, hosting
+    from live_nodes import AFFORDED, RELIABLE, hosting
 
     from octo_arm_model.ros.node.main import OctoArmNode
 
-    path = tmp_path_factory.mktemp('loaded') / 'arm.yaml'
-    path.write_text(LOADED)
-    with hosting(OctoArmNode, files=[path], node='loaded', **RELIABLE) as client:
-        client.config = load_config(path)
+    given = {'files': [preset_path('renda2012_prototype')], **RELIABLE, **AFFORDED, **LOADED}
+    with hosting(OctoArmNode, node='loaded', **given) as client:
+        client.config = Config.from_parameters(load_parameters('renda2012_prototype') | LOADED)
         client.names = list(client.config.arm.tendon_names)
         client.pull = np.array([[1.0, 0.3, 0.0, 0.0]])
         client.connect()

@@ -110,14 +110,13 @@ def test_a_signal_ends_the_node_in_the_middle_of_a_solve(what, name):
         with contextlib.closing(live_nodes.NodeClient(domain)) as client:
             service = client.node.create_client(FindTensions, 'find_tensions')
 
-            def has_ended():
+            def ask():
                 if what == 'tensions':
                     client.send('tendon_tensions', live_nodes.CONFIG.solver().rest_lengths)
                 elif what == 'service' and service.service_is_ready():
                     service.call_async(FindTensions.Request())
-                return process.poll() is not None
 
-            client.wait(has_ended, 'the end of the node')
+            client.wait(lambda: process.poll() is not None, 'the end of the node', ask)
         assert 'xception' not in live_nodes.check_end(process, 0)
     finally:
         process.kill()
@@ -173,16 +172,20 @@ def with_extreme(parameter: Parameter, value: float) -> dict[str, Any]:
     return {**LOADED, parameter.name: [value] * len(before) if parameter.is_array else value}
 
 
-def numbers(table: tuple[Parameter, ...]) -> list[Any]:
-    return [pytest.param(one, id=one.name) for one in table if one.kind is float]
-
-
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
-@pytest.mark.parametrize('parameter', numbers(PARAMETERS))
-def test_an_arm_answers_in_numbers_or_is_refused(parameter):
+@pytest.mark.parametrize(
+    'parameter',
+    [
+        pytest.param(one, id=one.name)
+        for one in (*PARAMETERS, *ESTIMATOR_PARAMETERS)
+        if one.kind is float
+    ],
+)
+def test_an_arm_and_an_estimator_answer_in_numbers_or_are_refused(parameter):
     for value in EXTREMES:
+        given = with_extreme(parameter, value)
         try:
-            arm = Prepared.of(with_extreme(parameter, value))
+            arm = Prepared.of(given)
             tensions = np.full(arm.config.arm.tension_shape, 0.3)
             answer = DrivenArm().answer(arm.solver, arm.config, None, 0, tensions)
         except OctoArmError as error:
@@ -190,13 +193,7 @@ def test_an_arm_answers_in_numbers_or_is_refused(parameter):
         else:
             assert np.isfinite(answer.backbone.position).all()
             assert np.isfinite(answer.covariance).all()
-
-
-@pytest.mark.filterwarnings('ignore::RuntimeWarning')
-@pytest.mark.parametrize('parameter', numbers((*PARAMETERS, *ESTIMATOR_PARAMETERS)))
-def test_an_estimator_is_prepared_or_refused(parameter):
-    for value in EXTREMES:
         try:
-            PreparedEstimator.of(with_extreme(parameter, value))
+            PreparedEstimator.of(given)
         except OctoArmError as error:
             assert str(error)

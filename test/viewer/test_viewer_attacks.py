@@ -223,12 +223,8 @@ def test_the_page_alone_is_served_under_its_own_names_and_connects_nowhere_else(
 
 
 def test_what_is_no_request_and_connections_that_say_nothing_are_survived(viewer):
-    for data in (
-        b'\x16\x03\x01\x02\x00',
-        b'GET\r\n\r\n',
-        70000 * b'x',
-        b'POST / HTTP/1.1\r\n\r\n',
-    ):
+    starts = b'\x16\x03\x01\x02\x00', b'GET\r\n\r\n', b'POST / HTTP/1.1\r\n\r\n'
+    for data in (*starts, 70000 * b'x'):
         with socket.create_connection(('127.0.0.1', viewer.number), timeout=DEADLINE) as raw:
             with contextlib.suppress(ConnectionError):  # may end before all is sent
                 raw.sendall(data)
@@ -292,52 +288,38 @@ def test_controls_are_set_within_their_bounds_alone(viewer, updates):
     viewer.still_obeys()
 
 
+DRAGS = (
+    *({'position': at} for at in ([NAN, 0, 0], [INF, 0, 0], [1e300, 0, 0], [0, 0], 'x')),
+    {'wxyz': [NAN, 0.0, 0.0, 0.0]},
+    *({'name': name} for name in ('/arm', '/nothing')),
+    {'owner': 'x'},
+    {'more': 1},
+)
+CAMERAS = (
+    {'fov': NAN},
+    {'position': [NAN, 0.0, 0.0]},
+    {'look_at': [1e300, 0.0, 0.0]},
+    {'wxyz': [1.0]},
+    {'image_width': 10**9},
+    {'more': 1},
+)
+TYPES = 'ShareUrlRequest', 'GuiFormDirtyMessage', 'GuiFormSubmitMessage', 'CommandTriggerMessage'
+UPLOAD = {'source_component_uuid': 'SLIDER', 'transfer_uuid': 'a', 'filename': '/etc/x'}
+PART = {'source_component_uuid': 'SLIDER', 'transfer_uuid': 'a', 'part_index': 0}
 MESSAGES = [
-    *(
-        {**DRAG, **change}
-        for change in (
-            *({'position': [x, 0.0, 0.0]} for x in (NAN, INF, 1e300)),
-            {'position': [0.0, 0.0]},
-            {'position': 'x'},
-            {'wxyz': [NAN, 0.0, 0.0, 0.0]},
-            {'name': '/arm'},
-            {'name': '/nothing'},
-            {'owner': 'x'},
-            {'more': 1},
-        )
-    ),
-    *(
-        {**CAMERA, **change}
-        for change in (
-            {'fov': NAN},
-            {'position': [NAN, 0.0, 0.0]},
-            {'look_at': [1e300, 0.0, 0.0]},
-            {'wxyz': [1.0]},
-            {'image_width': 10**9},
-            {'more': 1},
-        )
-    ),
+    *({**DRAG, **change} for change in DRAGS),
+    *({**CAMERA, **change} for change in CAMERAS),
+    *({'type': kind, 'uuid': 'a'} for kind in TYPES),
     {'type': 'ShareUrlRequest'},
     {'type': 'RunJavascriptMessage', 'source': 'alert(1)'},
-    {'type': 'GuiFormDirtyMessage', 'uuid': 'a'},
-    {'type': 'GuiFormSubmitMessage', 'uuid': 'a'},
-    {'type': 'CommandTriggerMessage', 'uuid': 'a'},
     {
+        **UPLOAD,
         'type': 'FileTransferStartUpload',
-        'source_component_uuid': 'SLIDER',
-        'transfer_uuid': 'a',
-        'filename': '/etc/x',
         'mime_type': 'x',
         'part_count': 0,
         'size_bytes': 0,
     },
-    {
-        'type': 'FileTransferPart',
-        'source_component_uuid': 'SLIDER',
-        'transfer_uuid': 'a',
-        'part_index': 0,
-        'content': 1000 * b'x',
-    },
+    {**PART, 'type': 'FileTransferPart', 'content': 1000 * b'x'},
     {'type': 'NoSuchMessage'},
     {'type': 5},
     {},

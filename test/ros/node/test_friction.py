@@ -1,11 +1,12 @@
-"""The node with friction, whose history it remembers, and with wrenches in other frames."""
+"""The node with friction, whose history it remembers, and what it is told in other frames."""
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from live_nodes import AFFORDED, CONFIG, CONFIG_FILE, hosting, tip_of
+from live_nodes import AFFORDED, CONFIG, CONFIG_FILE, hosting, spin_until, tip_of
 from numpy.testing import assert_allclose, assert_array_equal
 from sensor_msgs.msg import PointCloud2
 
@@ -14,12 +15,17 @@ from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.ros.node.main import OctoArmNode
 
 tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
-from geometry_msgs.msg import TransformStamped, WrenchStamped
+from geometry_msgs.msg import Quaternion, TransformStamped, WrenchStamped
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import FollowingWrench, Loads
+from octo_arm_model.arm.errors import ConfigError, MeasurementError
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
+from octo_arm_model.ros.node import inputs
+from octo_arm_model.ros.node.inputs import LARGEST, LONGEST, MOST_WAITING, Inputs
+from octo_arm_model.ros.node.sensor_frames import SensorFrames
 
 HIGH = np.full((3, 4), 0.02) + [[0.0], [0.0], [1.0]] * np.array([1.0, 0.5, 0.0, 0.0])
 LOW = 0.5 * HIGH
@@ -176,3 +182,45 @@ def test_a_wrench_in_a_frame_that_is_unknown_or_moves_is_refused(felt, frame, re
         felt.ask('tendon_tensions', FETCHING_IN_PLANE)
 
     felt.log('tip_wrench refused', reason, again=send_both)
+
+
+# Frames of sensors, and messages that wait for them ----------------------------------------------
+
+
+def test_a_policy_of_transforms_that_cannot_be_is_refused_at_once(make_node):
+    given = Parameter('qos_overrides./tf.subscription.depth', value=-1)
+    node = make_node('overridden', parameter_overrides=[given])
+    with pytest.raises(ConfigError, match='depth is -1'):
+        SensorFrames(node, lambda: None).open()
+
+
+def test_few_messages_wait_for_a_short_time(make_node, monkeypatch, capfd):
+    node, refused, clock = make_node('listener'), [], SimpleNamespace(now=100.0)
+    # One that is none does not hide those behind it.
+    rail, twisted = link('base', 'rail'), link('base', 'twisted')
+    twisted.transform.rotation = Quaternion(w=7.0)
+    for one in (rail, twisted):
+        one.header.stamp.nanosec = 100
+    monkeypatch.setattr(inputs, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    made = Inputs(node, lambda topic, error: refused.append(str(error)), lambda older: None)
+    frames = SensorFrames(node, made.look_again)
+    publisher = node.create_publisher(tf2.TFMessage, '/tf', 10)
+
+    def is_heard():
+        publisher.publish(tf2.TFMessage(transforms=[twisted, rail]))
+        try:
+            return frames.pose_of('rail', 'base', 100).position == tuple(PLACE)
+        except MeasurementError:
+            return False
+
+    spin_until(node.executor, is_heard)
+    told = "/tf refused: 'twisted': transform.rotation is (0.0, 0.0, 0.0, 7.0) of length 7"
+    assert told in capfd.readouterr().err
+    for size in [6] * (MOST_WAITING + 2) + [LARGEST + 1]:
+        made.attempt('/measured/tip_pose', lambda: frames.pose_of('rail', 'base', 5000), size)
+    assert len(refused) == 3
+    assert "its frame is 'rail', and the transform from 'rail'" in refused[0]
+    clock.now += 1.01 * LONGEST
+    spin_until(node.executor, lambda: len(refused) == MOST_WAITING + 3)
+    made.close()
+    frames.close()
