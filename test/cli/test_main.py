@@ -69,10 +69,7 @@ REEL = f'solve {TABLE4} --displacements'
             f"solve {TABLE4} --tensions '[{TENSIONS}]'",
             '--tensions holds several sets, expected one row for each',
         ),
-        (
-            f'workspace {TABLE4} --json --highest [[1,1,1,true],[1],[1]]',
-            'highest: tensions are ',
-        ),
+        (f'workspace {TABLE4} --json --highest [[1,1,1,true],[1],[1]]', 'highest: tensions are '),
         (f'workspace {TABLE4} --out .', "--out is '.', a folder"),
         (f'reproduce {__file__}', f'outdir is {__file__!r}, a file, expected a folder'),
         ('compare bag --out /proc', "--out is '/proc', cannot be written: "),
