@@ -7,14 +7,15 @@ of the cross section with the tendons, by Newton's method on all points at once.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from scipy.integrate import solve_bvp
 
 from octo_arm_model import Arm, Body, Loads, Pose, Solver
 from octo_arm_model.arm.material import LAWS
 from octo_arm_model.rod import arrays
-from octo_arm_model.rod.elements import build_elements
-from octo_arm_model.rod.stations import panels_of
+from octo_arm_model.rod.elements import build_elements, panel_ends
 from octo_arm_model.rod.tables import tabulate, work_arrays
 
 
@@ -27,7 +28,11 @@ class LoadedBvp:
         """Prepare; the unloaded shape is the first guess."""
         self._arm, self._law, self._loads, self._base = arm, LAWS[law], loads, base
         self._tensions = np.reshape(tensions, (1, -1))
-        self._panels, self._elements = panels_of(arm), build_elements(arm)
+        self._elements = build_elements(arm)
+        self._panels = [
+            (start, stop, sum(one.anchorage >= stop for one in arm.sections))
+            for start, stop in itertools.pairwise(panel_ends(arm, ()))
+        ]
         self._unloaded = Solver(arm, 'exact', 101, base, material=law).solve(tensions)
         self.density = np.array(loads.gravity) * (arm.material.density - loads.fluid_density)
 
@@ -44,8 +49,8 @@ class LoadedBvp:
         x = np.linspace(0.0, 1.0, nodes)
         guess = []
         backbone = self._unloaded
-        for panel in self._panels:
-            s = panel.start + x * panel.length
+        for start, stop, _ in self._panels:
+            s = start + x * (stop - start)
             for column in (*backbone.position.T, *backbone.quaternion.T):
                 guess.append(np.interp(s, backbone.s, column))
             guess += 3 * [np.zeros(nodes)]
@@ -56,10 +61,10 @@ class LoadedBvp:
 
     def _rates(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         rates = np.empty_like(y)
-        for i, panel in enumerate(self._panels):
-            s = panel.start + x * panel.length
+        for i, (start, stop, section) in enumerate(self._panels):
+            s = start + x * (stop - start)
             part = slice(10 * i, 10 * (i + 1))
-            rates[part] = panel.length * self._panel_rates(s, panel.section, y[part])
+            rates[part] = (stop - start) * self._panel_rates(s, section, y[part])
         return rates
 
     def _panel_rates(self, s: np.ndarray, section: int, y: np.ndarray) -> np.ndarray:
@@ -88,8 +93,8 @@ class LoadedBvp:
 
     def _twist(self, s: np.ndarray, section: int, wrench: np.ndarray) -> np.ndarray:
         """Twists (4, n) at ``s`` (n,) in a panel, in balance with the ``wrench`` (4, n)."""
-        panel = next(one for one in self._panels if one.section == section)
-        at, base = (np.minimum(s, panel.stop), np.full(s.size, section)), np.array([1.0, 0, 0, 0])
+        stop = next(stop for _, stop, number in self._panels if number == section)
+        at, base = (np.minimum(s, stop), np.full(s.size, section)), np.array([1.0, 0, 0, 0])
         tables = tabulate(self._arm, self._elements, base, law=self._law.number, at=at)
         work = work_arrays(tables, 4, has_jacobian=False)
         pulls = np.broadcast_to(self._tensions, (s.size, self._tensions.size)).copy()

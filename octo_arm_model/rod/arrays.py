@@ -36,15 +36,14 @@ from octo_arm_model.rod.tables import (
 
 # The node functions, see `forms.Form`.
 __all__ = [
+    'add_gradients',
     'angles',
     'balance',
-    'imbalance',
     'jacobian',
     'moving_loads',
     'orientations',
     'paper_twists',
     'poses',
-    'residual',
     'sections',
     'wrenches',
 ]
@@ -134,22 +133,6 @@ def poses(
 # The whole arm ---------------------------------------------------------------------------------
 
 
-def residual(
-    tables: Tables,
-    z: FloatArray,
-    tensions: FloatArray,
-    force: FloatArray,
-    couple: FloatArray,
-    work: Work,
-) -> float:
-    """Imbalance of every cross section, see `loops`."""
-    wrenches(tables, force, couple, work)
-    gradients(tables, z, tensions, work)
-    wrench = work.residual.copy()
-    np.add(work.residual, work.gradient, out=work.residual)
-    return relative_residual(wrench, work.scale, work)
-
-
 def wrenches(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
     """Minus what all beyond exerts on every cross section, see `loops`."""
     elements, points = tables.lengths.size, tables.to_end.shape[0]
@@ -162,6 +145,14 @@ def wrenches(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) 
     np.add(couple, inside.reshape(-1, 3), out=work.moment)
     both = np.stack([work.moment, force], axis=1) @ work.rotation
     np.negative(both.reshape(-1, 6)[:, : work.residual.shape[1]], out=work.residual)
+
+
+def add_gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> float:
+    """Imbalance of every cross section from its wrench, see `section_loops`."""
+    wrench = work.residual.copy()
+    gradients(tables, z, tensions, work)
+    np.add(work.residual, work.gradient, out=work.residual)
+    return relative_residual(wrench, work.scale, work)
 
 
 def jacobian(
@@ -336,20 +327,3 @@ def moving_loads(
         force += displaced * rate
         moment -= added * tw * cross(t, w)
     load[0], load[1] = tables.to_tip @ force, tables.to_tip @ moment
-
-
-def imbalance(
-    viscous: FloatArray,
-    rate: FloatArray,
-    reference: FloatArray,
-    residual: FloatArray,
-    scale: FloatArray,
-) -> float:
-    """Add viscosity to the ``residual`` and return the largest, NaN if one is none.
-
-    Of the ``viscous`` coefficients and the ``rate`` of twists, (N, m); over `Work.scale` and a
-    ``reference`` moment and force, (m,).
-    """
-    residual[:] += viscous * rate
-    scale = scale[:, np.arange(rate.shape[1]) // 3] + reference
-    return float((np.abs(residual) / scale).max())

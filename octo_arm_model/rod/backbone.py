@@ -125,10 +125,7 @@ class FinePoints:
         The latter are moment and force of all beyond a point, in the axes of its section.
         """
         own, condition, z = self.own, state.condition, self._between @ state.z
-        if condition.tensions.ndim > 1:
-            # Given at the nodes.
-            condition = condition._replace(tensions=self._between @ condition.tensions)
-        elif self.problem.friction is not None:
+        if self.problem.friction is not None:
             condition = condition._replace(tensions=self._slid(state))
         if (contact := self.problem.contact) is not None:
             # Depths differ too much between nodes and points for obstacles as stiff as they are.
@@ -200,7 +197,7 @@ class Readout:
             if finer.friction is not None and finer.discs is not None:
                 along = self.places.between @ at_nodes.tensions
             elif finer.friction is not None:
-                along = self._tensions(state, at_nodes, fine)
+                along = self._slid(state, self._angle(at_nodes, fine))
                 form, wrench = finer.form, self.places.between @ wrench
                 form.balance(self._tables, twist, along, wrench, ONE_STEP, self._work)
         finer.orient(fine)
@@ -212,12 +209,6 @@ class Readout:
         # So that there is exactly no strain where there is none.
         strained = self.places.between @ (fine - self._straight)
         return np.asarray(strained + self._straight)
-
-    def _tensions(self, state: State, at_nodes: NodeCondition, z: FloatArray) -> FloatArray:
-        """See `read`; ``at_nodes`` and twists ``z`` (n, m) are those of the finer points."""
-        if state.condition.tensions.ndim > 1:
-            return np.asarray(self.places.between @ at_nodes.tensions)
-        return self._slid(state, self._angle(at_nodes, z))
 
     def _angle(self, at_nodes: NodeCondition, z: FloatArray) -> FloatArray:
         """Angle by which tendons have turned up to the stations [rad], (S, J)."""

@@ -222,18 +222,13 @@ def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
         SolveError: if there is a place for that; the message states its arc coordinate.
     """
     check_stretches(problem, state.z)
-    check_contact(problem, state)
-    if problem.tables.compliance.any():
-        check_tendons(problem, state)
-        if not is_loaded:
-            check_stable(problem, state)
-
-
-def check_contact(problem: Problem, state: State) -> None:
-    """Refuse a midline inside an obstacle."""
     if problem.contact is not None:
         problem.load_work(state)
         problem.contact.check_depths(problem.places())
+    if problem.tables.compliance.any():
+        _check_tendons(problem, state)
+        if not is_loaded:
+            _check_stable(problem, state)
 
 
 def explain(problem: Problem, tensions: FloatArray, error: ConvergenceError) -> SolveError:
@@ -319,7 +314,7 @@ def _shortest_fibres(tables: Tables, z: FloatArray) -> FloatArray:
     return np.asarray(stretch - np.sqrt(bend))
 
 
-def check_tendons(problem: Problem, state: State) -> None:
+def _check_tendons(problem: Problem, state: State) -> None:
     """Refuse tendons that are pressed out of the body."""
     problem.load_work(state)
     tables = problem.tables
@@ -331,7 +326,7 @@ def check_tendons(problem: Problem, state: State) -> None:
     _refuse(problem, outside.any(axis=1), 'press a tendon out of the body', 'its sheath is')
 
 
-def check_stable(problem: Problem, state: State) -> None:
+def _check_stable(problem: Problem, state: State) -> None:
     """Refuse an equilibrium without loads that is no minimum of the energy."""
     problem.form.sections(problem.tables, state.z, state.at_nodes.tensions, problem.work)
     least = np.linalg.eigvalsh(problem.work.hessian)[:, 0]

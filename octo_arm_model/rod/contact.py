@@ -22,7 +22,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.rod.elements import Elements, gauss_rule
-from octo_arm_model.rod.loads import LocalTangents
+from octo_arm_model.rod.loads import LocalTangents, along
 from octo_arm_model.rod.rotations import dot, outer, skew
 
 _SPACING, _POINTS = 0.2, 3  # parts of an element over R, and points of each
@@ -62,25 +62,15 @@ class NodeMotion(NamedTuple):
 
 
 class _Touch(NamedTuple):
-    """Where an obstacle is touched, at n of the points.
+    """Where an obstacle is touched, at n of the points."""
 
-    Attributes:
-        number: of the obstacle in `Contact.obstacles`.
-        obstacle: the obstacle.
-        where: numbers of the points, (n,).
-        stiffness: force per length and depth [N/m^2], (n,).
-        depth: [m], (n,).
-        normal: outwards, (n, 3).
-        turn: its derivative by the place, (n, 3, 3).
-    """
-
-    number: int
+    number: int  # of the obstacle in `Contact.obstacles`
     obstacle: Obstacle
-    where: IntArray
-    stiffness: FloatArray
-    depth: FloatArray
-    normal: FloatArray
-    turn: FloatArray
+    where: IntArray  # numbers of the points, (n,)
+    stiffness: FloatArray  # force per length and depth [N/m^2], (n,)
+    depth: FloatArray  # [m], (n,)
+    normal: FloatArray  # outwards, (n, 3)
+    turn: FloatArray  # its derivative by the place, (n, 3, 3)
 
     @property
     def push(self) -> FloatArray:
@@ -125,13 +115,9 @@ class Contact:
         spread = self._back if to is None else to._back
         total = np.zeros((2, len(spread), 3))
         for touch in self._touches(place):
-            back = spread[:, touch.where]
-            force = touch.push * touch.normal
-            if motion is not None and touch.obstacle.friction:
-                drag = self._drag(touch, motion)[0]
-                force += drag
-                total[1] -= back @ np.cross(self._lever(touch), drag)
-            total[0] += back @ force
+            back, drag = spread[:, touch.where], self._drag(touch, motion)
+            total[0] += back @ (touch.push * touch.normal + drag)
+            total[1] -= back @ np.cross(self._lever(touch), drag)
         return total
 
     def tangents(
@@ -160,39 +146,36 @@ class Contact:
             (where,) = (depth > 0.0).nonzero()
             if where.size:
                 stiffness = 2.0 * obstacle.stiffness * self._radius[where]
-                found.append(
-                    _Touch(
-                        number,
-                        obstacle,
-                        where,
-                        stiffness,
-                        depth[where],
-                        nearest.normal[where],
-                        nearest.normal_by_place[where],
-                    )
-                )
+                _, normal, turn = (one[where] for one in nearest)
+                of = number, obstacle, where
+                found.append(_Touch(*of, stiffness, depth[where], normal, turn))
         return found
 
     def _lever(self, touch: _Touch) -> FloatArray:
         """From the surface to the midline [m], (n, 3)."""
         return np.asarray(self._radius[touch.where, np.newaxis] * touch.normal)
 
-    def _drag(
+    def _drag(self, touch: _Touch, motion: NodeMotion | None) -> FloatArray:
+        """Friction per length, (n, 3) [N/m]."""
+        if motion is None or not touch.obstacle.friction:
+            return np.zeros_like(touch.normal)
+        return self._slip(touch, motion)[0]
+
+    def _slip(
         self, touch: _Touch, motion: NodeMotion
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Friction per length, velocity of the surface, the speed it counts as, and the spin."""
         between, n = self._between[touch.where], touch.normal
-        nodes = len(motion.spin)
-        spin = (between @ motion.spin.reshape(nodes, 9)).reshape(-1, 3, 3)
+        spin = along(between, motion.spin)
         slip = between @ motion.velocity - (spin @ self._lever(touch)[..., np.newaxis])[..., 0]
-        along = slip - dot(n, slip) * n
-        speed = np.sqrt(dot(along, along) + touch.obstacle.creep_speed**2)
-        return -touch.obstacle.friction * touch.push * along / speed, slip, speed, spin
+        sliding = slip - dot(n, slip) * n
+        speed = np.sqrt(dot(sliding, sliding) + touch.obstacle.creep_speed**2)
+        return -touch.obstacle.friction * touch.push * sliding / speed, slip, speed, spin
 
     def _with_drag(
         self, own: LocalTangents, touch: _Touch, motion: NodeMotion, c: float
     ) -> LocalTangents:
-        drag, slip, speed, spin = self._drag(touch, motion)
+        drag, slip, speed, spin = self._slip(touch, motion)
         n, turn, mu = touch.normal, touch.turn, touch.obstacle.friction
         size, one = mu * touch.push, np.eye(3)
         radius = self._radius[touch.where, np.newaxis, np.newaxis]
@@ -221,9 +204,7 @@ class Contact:
         depths = np.zeros((len(self.obstacles), self._s.size))
         forces = np.zeros((len(self.obstacles), 3))
         for touch in self._touches(place):
-            force = touch.push * touch.normal
-            if motion is not None and touch.obstacle.friction:
-                force += self._drag(touch, motion)[0]
+            force = touch.push * touch.normal + self._drag(touch, motion)
             depths[touch.number, touch.where] = touch.depth
             forces[touch.number] = self._weights[touch.where] @ force
         return Contacts(self._s, depths, forces)

@@ -190,10 +190,8 @@ def check_thickness(arm: Arm) -> None:
 
 def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> FloatArray:
     """Where elements end at any rate, (edges,) [m]."""
-    ends = {0.0, arm.length, *(section.anchorage for section in arm.sections)}
-    ends.update(arm.discs.faces)
-    found = sorted(ends.union(apart(breaks, sorted(ends), arm.length)))
-    smooth = apart({*arm.knots, *knots}, found, arm.length)
+    found = panel_ends(arm, breaks, arm.discs.faces)
+    smooth = _apart({*arm.knots, *knots}, found, arm.length)
     if len(smooth) > MOST_KNOTS:
         step = len(smooth) / MOST_KNOTS
         smooth = [smooth[int(step * number)] for number in range(MOST_KNOTS)]
@@ -202,11 +200,14 @@ def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> Flo
     return np.array(found)
 
 
-def apart(places: Iterable[float], others: Sequence[float], length: float) -> list[float]:
-    """Places on an arm of ``length`` that coincide, up to rounding, with none of ``others``.
+def panel_ends(arm: Arm, breaks: tuple[float, ...], others: tuple[float, ...] = ()) -> list[float]:
+    """Ends and anchorages of ``arm``, ``others``, and ``breaks`` at none of these, sorted [m]."""
+    ends = {0.0, arm.length, *(section.anchorage for section in arm.sections), *others}
+    return sorted(ends.union(_apart(breaks, sorted(ends), arm.length)))
 
-    Of ``places`` that coincide with each other the first is kept. Sorted.
-    """
+
+def _apart(places: Iterable[float], others: Sequence[float], length: float) -> list[float]:
+    """The first of ``places`` that coincide with each other but none of ``others``, sorted."""
     known = sorted(others)
     found = []
     for place in sorted(places):

@@ -19,7 +19,6 @@ from octo_arm_model.rod.factors import Factors, Linear, Variation, factorise
 from octo_arm_model.rod.forms import Form
 from octo_arm_model.rod.friction import Friction, LocalTensions, TensionDerivatives
 from octo_arm_model.rod.loads import DeadLoads, NodeRod, OtherLoads, add_tangents
-from octo_arm_model.rod.section_arrays import relative_residual
 from octo_arm_model.rod.tables import (
     LEVER,
     Places,
@@ -29,7 +28,7 @@ from octo_arm_model.rod.tables import (
     places_at,
     work_arrays,
 )
-from octo_arm_model.rod.tendons import Tendons, unloaded_tendons, unloaded_twists
+from octo_arm_model.rod.tendons import Tendons, unloaded_twists
 
 
 class Condition(NamedTuple):
@@ -146,6 +145,7 @@ class Problem:
         loads: dead loads, all but the wrench on the tip.
         others: loads of other kinds.
         contact: contact with obstacles; None if there are no obstacles.
+        follows: whether there are loads that depend on the shape.
         touching: force and moment per length by obstacles, if they are known from other nodes,
             (2, N, 3) [N/m, N].
         strains: number of strains of a section: 4, or 6 with shear.
@@ -178,7 +178,7 @@ class Problem:
             least_scale = tables.least_scale + self.contact.rounding
             self.tables = tables = tables._replace(least_scale=least_scale)
         self.touching: FloatArray | None = None
-        self._follows = bool(loads.others or loads.obstacles)  # whether loads follow the shape
+        self.follows = bool(loads.others or loads.obstacles)
         self.work = work_arrays(tables, strains, has_jacobian=has_jacobian)
         self._tip = places_at(elements, elements.edges[-1:])
         self._current: FloatArray | None = None
@@ -220,20 +220,21 @@ class Problem:
             work.scale[:] = force_scale(self.tables, tensions)
         self.form.orientations(self.tables, z, work)
         at_nodes = self._following(at_nodes, z)
-        residual = self._fill_residual(at_nodes, z)
+        self._fill_wrenches(at_nodes, z)
+        residual = self._add_gradients(at_nodes, z)
         self._current = self._oriented = z
         return State(at_nodes, z, work.residual.copy(), residual)
 
-    def _fill_residual(self, at_nodes: NodeCondition, z: FloatArray) -> float:
-        """Compute the imbalance under ``at_nodes``, and return the largest relative residual."""
-        work, tensions = self.work, self.in_sections(at_nodes.tensions)
-        residual = self.form.residual(
-            self.tables, z, tensions, at_nodes.force, at_nodes.couple, work
-        )
+    def _fill_wrenches(self, at_nodes: NodeCondition, z: FloatArray) -> None:
+        """Compute minus the wrench that all beyond exerts on every cross section."""
+        self.form.wrenches(self.tables, at_nodes.force, at_nodes.couple, self.work)
         if self.discs is not None:
-            self.discs.add_pull(self.tables, z, at_nodes.tensions, work)
-            residual = relative_residual(work.gradient - work.residual, work.scale, work)
-        return residual
+            self.discs.add_pull(self.tables, z, at_nodes.tensions, self.work)
+
+    def _add_gradients(self, at_nodes: NodeCondition, z: FloatArray) -> float:
+        """Complete the imbalance under ``at_nodes``, and return the largest relative residual."""
+        tensions = self.in_sections(at_nodes.tensions)
+        return self.form.add_gradients(self.tables, z, tensions, self.work)
 
     def wrenches(self, at_nodes: NodeCondition, z: FloatArray) -> tuple[NodeCondition, FloatArray]:
         """Return ``at_nodes`` at twists ``z`` (N, m), and the wrenches on the sections, (N, m).
@@ -243,16 +244,14 @@ class Problem:
         work = self.work
         self.form.orientations(self.tables, z, work)
         at_nodes = self._following(at_nodes, z)
-        self.form.wrenches(self.tables, at_nodes.force, at_nodes.couple, work)
-        if self.discs is not None:
-            self.discs.add_pull(self.tables, z, at_nodes.tensions, work)
+        self._fill_wrenches(at_nodes, z)
         self._current, self._oriented = None, z
         return at_nodes, -work.residual
 
     def _following(self, at_nodes: NodeCondition, z: FloatArray) -> NodeCondition:
         """Return ``at_nodes`` with tensions and loads updated to the twists ``z`` (N, m)."""
         at_nodes = self._with_friction(at_nodes, z)
-        if not self._follows:
+        if not self.follows:
             return at_nodes
         force, couple = at_nodes.dead + self._following_loads(at_nodes.condition.factor, z)
         return at_nodes._replace(force=force, couple=couple)
@@ -301,23 +300,22 @@ class Problem:
         if self._tendons is None or not _are_same(self._tendons[0], state):
             if self.tables.compliance.any() or self.discs is not None:
                 self.load_work(state)  # for offsets in sheaths, and orientations
-            tendons = self._make_tendons(state.z, state.at_nodes.tensions)
+            tendons = self._make_tendons(state.z, state.at_nodes.tensions, self.work.offsets)
             self._tendons = state, tendons
         return self._tendons[1]
 
-    def _make_tendons(self, z: FloatArray, tensions: FloatArray) -> Tendons:
+    def _make_tendons(self, z: FloatArray, tensions: FloatArray, offsets: FloatArray) -> Tendons:
         if self.discs is not None:
             return ChordTendons(self.discs, self.tables, z, tensions, self.work)
-        return Tendons(self.tables, z, tensions, self.work.offsets)
+        return Tendons(self.tables, z, tensions, offsets)
 
     @functools.cached_property
     def unloaded_tendons(self) -> Tendons:
         """The tendons of the unloaded arm."""
-        if self.discs is None:
-            return unloaded_tendons(self.tables)
-        z = unloaded_twists(self.tables)
-        self.orient(z)
-        return self._make_tendons(z, np.zeros_like(self.tables.reach))
+        z, none = unloaded_twists(self.tables), np.zeros_like(self.work.offsets)
+        if self.discs is not None:
+            self.orient(z)
+        return self._make_tendons(z, none[..., 0], none)
 
     def history(self, state: State) -> FloatArray:
         """Return tensions (M, J) [N] at `Friction.fine`, from which tendons slide next."""

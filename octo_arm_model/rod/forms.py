@@ -48,14 +48,12 @@ class Form(Protocol):
         """Finds the twists at which every cross section balances its wrench."""
 
     @property
-    def residual(
-        self,
-    ) -> Callable[[Tables, FloatArray, FloatArray, FloatArray, FloatArray, Work], float]:
-        """Computes the imbalance of every cross section, and the largest relative one."""
-
-    @property
     def wrenches(self) -> Callable[[Tables, FloatArray, FloatArray, Work], None]:
         """Computes minus the wrench that all loads beyond exert on every cross section."""
+
+    @property
+    def add_gradients(self) -> Callable[[Tables, FloatArray, FloatArray, Work], float]:
+        """Computes the imbalance of every cross section from its wrench, and the largest."""
 
     @property
     def jacobian(self) -> Callable[[Tables, FloatArray, FloatArray, FloatArray, Work], None]:
@@ -72,12 +70,6 @@ class Form(Protocol):
         self,
     ) -> Callable[[MotionTables, TimeRule, FloatArray, FloatArray, FloatArray, Motion], None]:
         """Computes the motion of the nodes, and their inertial loads."""
-
-    @property
-    def imbalance(
-        self,
-    ) -> Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], float]:
-        """Adds viscosity to the residual, and returns the largest over a reference."""
 
 
 @functools.cache

@@ -116,8 +116,9 @@ class MovingProblem(Problem):
             np.zeros((nodes, strains)),
             np.zeros((2, 3)),
         )
-        self.rule, self._follows = self.rest, True
+        self.rule, self.follows = self.rest, True
         self.reference = np.zeros(strains)
+        self._of_scale = np.arange(strains) // 3  # column of `Work.scale`
         place, velocity, acceleration = np.zeros((3, nodes, COLUMNS))
         self.motion = Motion(place, velocity, acceleration, np.zeros((2, nodes, 3)))
 
@@ -137,13 +138,14 @@ class MovingProblem(Problem):
         )
         return super()._following_loads(factor, z) + self.motion.load
 
-    def _fill_residual(self, at_nodes: NodeCondition, z: FloatArray) -> float:
+    def _add_gradients(self, at_nodes: NodeCondition, z: FloatArray) -> float:
         """See `Problem`; with viscosity."""
-        super()._fill_residual(at_nodes, z)
-        rate = self.rule.by_velocity * z - self.rule.twist_rate
-        return self.form.imbalance(
-            self.moving.viscous, rate, self.reference, self.work.residual, self.work.scale
-        )
+        super()._add_gradients(at_nodes, z)
+        residual, scale = self.work.residual, self.work.scale[:, self._of_scale]
+        if self.is_viscous:
+            rate = self.rule.by_velocity * z - self.rule.twist_rate
+            residual += self.moving.viscous * rate
+        return float((np.abs(residual) / (scale + self.reference)).max())
 
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
         """See `Problem`; with what the motion adds."""

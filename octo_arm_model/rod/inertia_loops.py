@@ -117,22 +117,3 @@ def _add_water(
         force[c] -= speed * (section[ACROSS] * w[c] + section[ALONG] * tw * t[c])
         force[c] += section[DISPLACED] * water[1, c]
     _add_cross(-added * tw, t, w, moment)
-
-
-@compiled
-def imbalance(
-    viscous: FloatArray,
-    rate: FloatArray,
-    reference: FloatArray,
-    residual: FloatArray,
-    scale: FloatArray,
-) -> float:
-    """See `arrays`."""
-    worst = 0.0
-    for i in range(rate.shape[0]):
-        for c in range(rate.shape[1]):
-            residual[i, c] += viscous[i, c] * rate[i, c]
-            value = abs(residual[i, c]) / (scale[i, c // 3] + reference[c])
-            if not (value <= worst or worst != worst):  # also NaN, which stays
-                worst = value
-    return worst

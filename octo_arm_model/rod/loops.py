@@ -11,22 +11,21 @@ import numpy as np
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.angle_loops import angles
 from octo_arm_model.rod.compiled import compiled, helper, inlined
-from octo_arm_model.rod.inertia_loops import imbalance, moving_loads
+from octo_arm_model.rod.inertia_loops import moving_loads
 from octo_arm_model.rod.paper_loops import paper_twists
 from octo_arm_model.rod.section_loops import add_gradients, balance, cross, sections
 from octo_arm_model.rod.tables import OF_BENDS, OF_DIRECTIONS, Places, Tables, Work
 
 # The node functions of `forms.Form`.
 __all__ = [
+    'add_gradients',
     'angles',
     'balance',
-    'imbalance',
     'jacobian',
     'moving_loads',
     'orientations',
     'paper_twists',
     'poses',
-    'residual',
     'sections',
     'wrenches',
 ]
@@ -268,26 +267,6 @@ def _position_error(
 # The whole arm ---------------------------------------------------------------------------------
 
 
-def residual(
-    tables: Tables,
-    z: FloatArray,
-    tensions: FloatArray,
-    force: FloatArray,
-    couple: FloatArray,
-    work: Work,
-) -> float:
-    """Compute the imbalance of every cross section, after `orientations` of the same z.
-
-    All of ``work`` but Hessian and Jacobian is filled in; ``work.scale`` has the scales before.
-
-    Returns:
-        Largest residual over its scale and the largest wrench along the arm [-]; NaN where a
-        strain is impossible.
-    """
-    wrenches(tables, force, couple, work)
-    return add_gradients(tables, z, tensions, work)
-
-
 def wrenches(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
     """Compute minus the wrench of all loads beyond each section: the residual without gradient.
 
@@ -352,7 +331,7 @@ def _moments(
 def jacobian(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
 ) -> None:
-    """Compute the derivative of the residual by z for a fixed ``force``, after `residual`.
+    """Compute the derivative of the residual by z for a fixed ``force``, after `add_gradients`.
 
     With X = r' F^T - (F . r') 1 and S its integral from a node to the tip, the block of nodes i
     and k is -R_i^T (S_i + M_i x) w_k R_k if the element of k is before that of i, and

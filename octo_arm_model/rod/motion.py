@@ -19,7 +19,6 @@ import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -70,28 +69,6 @@ _SHORT, _CALM = 1.25e-3, 5
 STEPS = 1e-7, 1.0  # shortest and longest [s]
 
 
-class Alpha(NamedTuple):
-    """Coefficients of the rule."""
-
-    m: float
-    f: float
-    gamma: float
-    beta: float
-
-    @classmethod
-    def of(cls, rho: float) -> Alpha:
-        """For the factor ``rho`` per step on what is fastest."""
-        m, f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
-        return cls(m, f, 0.5 - m + f, 0.25 * (1.0 - m + f) ** 2)
-
-
-class _MovingWinchEquations(WinchEquations):
-    """Winches of an arm that moves, whose Jacobian always is that of the whole arm."""
-
-    def _factors(self, state: State) -> Linear:
-        return self.problem.linearise(state)
-
-
 def base_of(pose: Pose) -> FloatArray:
     """Position [m] and quaternion w, x, y, z of a ``pose``, (7,)."""
     x, y, z, w = pose.quaternion
@@ -133,7 +110,9 @@ class Dynamics:
         if solver.model != 'exact':
             raise ConfigError(f'model is {solver.model!r}, which does not move: choose exact')
         self.solver, self.properties, arm = solver, properties, solver.arm
-        self._alpha = Alpha.of(within('rho_inf', rho_inf, 0.0, 1.0, '-'))
+        rho = within('rho_inf', rho_inf, 0.0, 1.0, '-')
+        m, f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+        self._rule = m, f, 0.5 - m + f, 0.25 * (1.0 - m + f) ** 2
         base = base_of(solver.base)
         loads = solver.loads.moved(-base[:3])
         if level not in range(len(LEVELS)):
@@ -165,7 +144,7 @@ class Dynamics:
     @functools.cached_property
     def winches(self) -> WinchEquations:
         """The equations with winches."""
-        return _MovingWinchEquations(self.problem, self.solver.arm)
+        return WinchEquations(self.problem, self.solver.arm)
 
     # States ------------------------------------------------------------------------------------
 
@@ -176,33 +155,26 @@ class Dynamics:
             OctoArmError: as `Solver.solve`.
             ConfigError: if another base is given.
         """
-        given, solver = self.checked(inputs), self._still
-        if not (given.base == self._base).all():
+        (wanted, current, base), solver = self.checked(inputs), self._still
+        if not (base == self._base).all():
             raise ConfigError('inputs.base is another than that of the solver, expected None')
-        wrench, start = given.tip_wrench - solver.loads.tip_wrench, None
-        if given.driven.any():
-            start, _ = solver.wind(given.displacements, given.driven, given.tensions, wrench, None)
-            given = given._replace(tensions=start.tensions.ravel())
+        tensions, wrench = wanted.tensions, wanted.tip_wrench - solver.loads.tip_wrench
+        if wanted.driven.any():
+            start, _ = solver.wind(wanted.lengths, wanted.driven, tensions, wrench, None)
         else:
-            start = solver.solve(given.tensions.reshape(solver.arm.tension_shape), wrench)
+            start = solver.solve(tensions.reshape(solver.arm.tension_shape), wrench)
         assert start.equilibrium is not None
         level, z = start.equilibrium.level, start.equilibrium.state.z
         problem = self.problem
         z = moved(z, solver.elements(level), problem.elements)
-        problem.place_base(given.base)
+        problem.place_base(base)
         problem.reference = np.zeros(z.shape[1])
-        at_nodes = problem.at_nodes(Condition(given.tensions, given.tip_wrench))
-        found = self._in_current(at_nodes, z, given.current)
-        place = np.zeros((4, *problem.motion.place.shape))
-        place[0] = problem.motion.place
-        return self._state(
-            time,
-            given,
-            found,
-            np.array([found.z, *np.zeros((3, *z.shape))]),
-            place,
-            np.array([given.current, *np.zeros((2, 3))]),
-        )
+        condition = Condition(start.tensions.ravel(), wanted.tip_wrench)
+        found = self._in_current(problem.at_nodes(condition), z, current)
+        twist, place = np.zeros((4, *z.shape)), np.zeros((4, *problem.motion.place.shape))
+        twist[0], place[0] = found.z, problem.motion.place
+        water = np.array([current, *np.zeros((2, 3))])
+        return self._state(time, base, found, (twist, place, water))
 
     def _in_current(self, at_nodes: NodeCondition, z: FloatArray, current: FloatArray) -> State:
         """The balance near ``z`` at rest, in a ``current`` that grows where it has to."""
@@ -232,14 +204,12 @@ class Dynamics:
         tensions = check_tensions(solver.arm, inputs.tensions).reshape(-1)
         if tensions.size != count:
             raise TensionError(f'inputs.tensions are {tensions.size}, expected one set of {count}')
-        displacements, driven = np.zeros(count), np.zeros(count, np.bool_)
+        lengths, driven = np.zeros(count), np.zeros(count, np.bool_)
         check_displacements(solver.arm, inputs.displacements, {})
         if inputs.displacements:
-            for name, value in inputs.displacements.items():
-                displacements[self._numbers[name]] = value
-                driven[self._numbers[name]] = True
-            (numbers,) = driven.nonzero()
-            solver.check_displacements(displacements[driven], numbers.tolist())
+            numbers = [self._numbers[name] for name in inputs.displacements]
+            lengths[numbers], driven[numbers] = [*inputs.displacements.values()], True
+            solver.check_displacements(lengths[numbers], numbers)
         wrench = np.array(solver.loads.tip_wrench)
         if inputs.tip_wrench is not None:
             wrench += solver.check_tip_wrench(inputs.tip_wrench)
@@ -249,43 +219,26 @@ class Dynamics:
         if not isinstance(inputs.base, Pose | None):
             raise ArmDefinitionError('inputs.base', inputs.base, 'a Pose or None')
         base = self._base if inputs.base is None else base_of(inputs.base)
-        return CheckedInputs(tensions, displacements, driven, wrench, np.array(current), base)
+        condition = Condition(tensions, wrench, 1.0, None, lengths, driven)
+        return CheckedInputs(condition, np.array(current), base)
 
     def _state(
         self,
         time: float,
-        given: CheckedInputs,
-        state: State,
-        twist: FloatArray,
-        place: FloatArray,
-        water: FloatArray,
-        last: tuple[float, Linear | None, int] = (0.0, None, 0),
+        base: FloatArray,
+        found: State,
+        moves: tuple[FloatArray, FloatArray, FloatArray],
+        last: tuple[int, float, Linear | None] = (0, 0.0, None),
     ) -> MotionState:
-        problem, (dt, factors, iterations) = self.problem, last
-        history = None if problem.friction is None else problem.history(state)
-        tensions = state.condition.tensions
+        problem, condition = self.problem, found.condition
+        history = None if problem.friction is None else problem.history(found)
         wrench = np.abs(problem.work.gradient).max(axis=0)
-        beyond = np.concatenate([state.at_nodes.force, problem.work.moment], axis=1)
-        at_base = self._to_base @ beyond
-        for array in (twist, place, water, tensions, wrench, at_base, history):
+        beyond = np.concatenate([found.at_nodes.force, problem.work.moment], axis=1)
+        given = condition.tensions, condition.tip_wrench, base, wrench, self._to_base @ beyond
+        for array in (*moves, *given, history):
             if array is not None:
                 array.setflags(write=False)
-        return MotionState(
-            time,
-            twist,
-            place,
-            water,
-            tensions,
-            given.tip_wrench,
-            given.base,
-            wrench,
-            at_base,
-            history,
-            state.residual,
-            iterations,
-            dt,
-            factors,
-        )
+        return MotionState(time, *moves, *given, history, found.residual, *last)
 
     # Steps -------------------------------------------------------------------------------------
 
@@ -355,27 +308,19 @@ class Dynamics:
         if part == 1.0:
             return given
 
-        def mixed(before: FloatArray, after: FloatArray) -> FloatArray:
-            return np.asarray((1.0 - part) * before + part * after)
-
-        reeled = given.displacements
-        if given.driven.any():
-            reeled = mixed(self.displacements(state), reeled)
+        wanted, now, base = given.condition, state.water[0], state.base.copy()
+        lengths = self.displacements(state) if wanted.driven.any() else wanted.lengths
+        before = Condition(state.tensions, state.tip_wrench, lengths=lengths)
         # Of the two quaternions of an orientation the nearer one.
-        nearer = math.copysign(1.0, state.base[3:] @ given.base[3:])
-        base = mixed(state.base * [1.0, 1.0, 1.0, *4 * [nearer]], given.base)
-        base[3:] /= np.linalg.norm(base[3:])
-        return CheckedInputs(
-            mixed(state.tensions, given.tensions),
-            reeled,
-            given.driven,
-            mixed(state.tip_wrench, given.tip_wrench),
-            mixed(state.water[0], given.current),
-            base,
-        )
+        base[3:] *= math.copysign(1.0, base[3:] @ given.base[3:])
+        if not (base == given.base).all():  # as rounding would move a base at rest
+            base += part * (given.base - base)
+            base[3:] /= np.linalg.norm(base[3:])
+        current = now + part * (given.current - now)
+        return CheckedInputs(before.towards(wanted, part), current, base)
 
     def _one_step(self, state: MotionState, given: CheckedInputs, dt: float) -> MotionState:
-        problem, (m, f, gamma, beta) = self.problem, self._alpha
+        problem, (m, f, gamma, beta) = self.problem, self._rule
         z, (_, rate, bend, last_bend) = state.z, state.twist
         place, velocity, acceleration, own = state.place
         problem.place_base(state.base)
@@ -413,33 +358,29 @@ class Dynamics:
             factors = state.factors
             guess += beta * dt * dt * (bend - last_bend)
         tolerance = TOLERANCE * max(1.0, (_ROUNDED / dt) ** 2)
-        found, next_factors, iterations = self._balance(state, given, guess, factors, tolerance)
+        wanted = given.condition._replace(before=state.history)
+        found, next_factors, iterations = self._balance(state, wanted, guess, factors, tolerance)
         self._require(found, tolerance, iterations)
         self._check_contact(state)
         rule, (place, velocity, acceleration, _) = problem.rule, problem.motion
         rate = rule.by_velocity * found.z - rule.twist_rate
         twist = np.array([found.z, rate, c * found.z - a_z, bend])
         places = np.array([place, velocity, acceleration, c * place - a])
-        last = dt, next_factors, iterations
-        return self._state(state.time + dt, given, found, twist, places, water, last)
+        last = iterations, dt, next_factors
+        return self._state(state.time + dt, given.base, found, (twist, places, water), last)
 
     def _balance(
         self,
         state: MotionState,
-        given: CheckedInputs,
+        wanted: Condition,
         guess: FloatArray,
         factors: Linear | None,
         tolerance: float,
     ) -> tuple[State, Linear | None, int]:
-        condition = Condition(given.tensions, given.tip_wrench, 1.0, state.history)
-        if given.driven.any():
-            condition = condition._replace(
-                tensions=np.where(given.driven, state.tensions, given.tensions),
-                lengths=given.displacements,
-                driven=given.driven,
-            )
+        if wanted.driven.any():
             winches = self.winches
-            begun = winches.evaluate(condition, guess)
+            pulled = np.where(wanted.driven, state.tensions, wanted.tensions)
+            begun = winches.evaluate(wanted._replace(tensions=pulled), guess)
             # Lengths count little beside the balance: the first step may leave any.
             change, system = winches.step(begun, winches.linearise(begun, factors))
             begun = winches.moved(begun, change, system)
@@ -447,7 +388,7 @@ class Dynamics:
             assert isinstance(found.factors, BorderedSystem)
             return found.state, found.factors.factors, found.iterations
         problem = self.problem
-        begun = problem.evaluate(problem.at_nodes(condition), guess)
+        begun = problem.evaluate(problem.at_nodes(wanted), guess)
         found = newton(problem, begun, tolerance, factors, rule=_RULE)
         return found.state, found.factors, found.iterations
 

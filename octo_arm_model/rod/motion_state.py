@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray, Vector
 from octo_arm_model.arm.pose import Pose
+from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.factors import Factors, Linear
 from octo_arm_model.rod.inertia import MovingProblem
 from octo_arm_model.rod.tables import COLUMNS
@@ -45,18 +46,12 @@ class CheckedInputs(NamedTuple):
     """Checked `Inputs` as arrays.
 
     Attributes:
-        tensions: (J,) [N].
-        displacements: (J,) [m].
-        driven: of which tendons these count, (J,).
-        tip_wrench: with that of the loads, (6,) [N, N m].
+        condition: with the wrench of the loads on the tip.
         current: (3,) [m/s].
         base: position [m] and quaternion w, x, y, z, (7,).
     """
 
-    tensions: FloatArray
-    displacements: FloatArray
-    driven: NDArray[np.bool_]
-    tip_wrench: FloatArray
+    condition: Condition
     current: FloatArray
     base: FloatArray
 

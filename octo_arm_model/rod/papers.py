@@ -367,12 +367,13 @@ class Papers(Statics):
 
     def sensitivity(self, found: Equilibrium) -> Sensitivity:
         """By tensions, E and friction alone."""
-        return sensitivity(self._at(found.level), found.state, self._setup.arm.tendon_names)
+        return self.derivatives(found.level, found.state)
 
-    def by_tension(self, level: int, state: State, rates: FloatArray) -> Change:
-        """Of a ``state`` on a ``level``, with ``rates`` as of `sensitivity`."""
-        names = self._setup.arm.tendon_names
-        return sensitivity(self._at(level), state, names, rates).by_tension
+    def derivatives(
+        self, level: int, state: State, rates: FloatArray | None = None
+    ) -> Sensitivity:
+        """Of a ``state`` on a ``level``, with ``rates`` as of the function `sensitivity`."""
+        return sensitivity(self._at(level), state, self._setup.arm.tendon_names, rates)
 
 
 class _PaperWinchEquations(RodWinchEquations):
@@ -402,7 +403,7 @@ class _PaperWinchEquations(RodWinchEquations):
     ) -> BorderedSystem:
         """See `WinchEquations`."""
         rates = self.rates(state) if rates is None else rates
-        change = self._model.by_tension(self._level, state, rates)
+        change = self._model.derivatives(self._level, state, rates).by_tension
         mean = change.tendon_tension
         felt = np.eye(len(rates.T)) if mean is None else mean
         integrals = self._unloaded[:, np.newaxis] * felt

@@ -191,7 +191,14 @@ def _fill_sections(
 
 
 def add_gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> float:
-    """Add the gradient of every section to its residual, and return the largest relative one."""
+    """Add the gradient of every section to its residual, which `wrenches` has filled in.
+
+    ``work.scale`` has the scales before.
+
+    Returns:
+        Largest residual over its scale and the largest wrench along the arm [-]; NaN where a
+        strain is impossible.
+    """
     return _add_gradients(
         section_tables(tables), z, tensions, work.offsets, work.scale, work.gradient, work.residual
     )

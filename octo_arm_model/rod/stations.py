@@ -6,9 +6,7 @@ panel and may jump between panels.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,40 +14,9 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.limits import MAX_STATIONS
-from octo_arm_model.rod.elements import SAME_LENGTH, apart
+from octo_arm_model.rod.elements import SAME_LENGTH, panel_ends
 
 DEFAULT_STATIONS = 101
-
-
-class Panel(NamedTuple):
-    """The part of the arm between two neighbouring anchorages, loads or ends of the arm.
-
-    Attributes:
-        start: arc coordinate of the end towards the base [m].
-        stop: arc coordinate of the end towards the tip [m].
-        section: number from the tip of the section it belongs to; 0 beyond the last anchorage.
-    """
-
-    start: float
-    stop: float
-    section: int
-
-    @property
-    def length(self) -> float:
-        """Reference length [m]."""
-        return self.stop - self.start
-
-
-def panels_of(arm: Arm, breaks: tuple[float, ...] = ()) -> tuple[Panel, ...]:
-    """Panels of ``arm`` from the base to the tip, cut at ``breaks`` [m] as well."""
-    anchorages = [section.anchorage for section in arm.sections]
-    own = {*anchorages} - {0.0, arm.length}
-    inside = own.union(apart(breaks, [0.0, *own, arm.length], arm.length))
-    ends = [0.0, *sorted(inside), arm.length]
-    return tuple(
-        Panel(start, stop, sum(anchorage >= stop for anchorage in anchorages))
-        for start, stop in itertools.pairwise(ends)
-    )
 
 
 @dataclass(frozen=True)
@@ -76,24 +43,25 @@ class StationGrid:
             ConfigError: if ``stations`` is less than both ends, anchorages and breaks take, or
                 more than `MAX_STATIONS`.
         """
-        panels = panels_of(arm, breaks)
+        ends = panel_ends(arm, breaks)
         if isinstance(stations, bool) or not isinstance(stations, (int, np.integer)):
             raise ConfigError(f'stations is {shown(stations)}, expected an integer')
         if stations > MAX_STATIONS:
             raise ConfigError(f'stations is {stations}, expected at most {MAX_STATIONS}')
-        if stations < len(panels) + 1:
+        if stations < len(ends):
             what = 'every anchorage and load' if breaks else 'every anchorage'
             raise ConfigError(
-                f'stations is {stations}, expected at least {len(panels) + 1} '
+                f'stations is {stations}, expected at least {len(ends)} '
                 f'for both ends of the arm and {what}'
             )
-        counts = _share_intervals([panel.length for panel in panels], int(stations) - 1)
+        counts = _share_intervals(np.diff(ends).tolist(), int(stations) - 1)
         parts = [
-            np.linspace(panel.start, panel.stop, count + 1)[1:]
-            for panel, count in zip(panels, counts, strict=True)
+            np.linspace(start, stop, count + 1)[1:]
+            for start, stop, count in zip(ends, ends[1:], counts)
         ]
         s = np.concatenate([[0.0], *parts])
-        section = np.repeat([panel.section for panel in panels], [counts[0] + 1, *counts[1:]])
+        anchorages = np.array([one.anchorage for one in arm.sections])
+        section = (anchorages >= s[:, np.newaxis]).sum(axis=1)
         s.setflags(write=False)
         section.setflags(write=False)
         return cls(s, section)

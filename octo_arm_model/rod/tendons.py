@@ -206,12 +206,6 @@ def _cross_transposed(kappa: FloatArray, u: FloatArray) -> FloatArray:
     return np.stack([t * u_b - b * u_t, n * u_t - t * u_n], axis=-3)
 
 
-def unloaded_tendons(tables: Tables) -> Tendons:
-    """The tendons of the unloaded arm."""
-    slack = np.zeros_like(tables.reach)
-    return Tendons(tables, unloaded_twists(tables), slack, np.zeros((*slack.shape, 2)))
-
-
 def unloaded_twists(tables: Tables, strains: int = 4) -> FloatArray:
     """Twists (N, m) of the unloaded arm, of so many ``strains``."""
     z = np.zeros((len(tables.reach), strains))

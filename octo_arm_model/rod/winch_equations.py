@@ -168,7 +168,7 @@ class WinchEquations:
 
     def _factors(self, state: State) -> Linear:
         problem, at_nodes = self.problem, state.at_nodes
-        is_loaded = at_nodes.force.any() or at_nodes.couple.any() or problem.others.loads
+        is_loaded = problem.follows or at_nodes.force.any() or at_nodes.couple.any()
         if is_loaded or self._arm.friction or problem.discs is not None:
             return problem.linearise(state)
         problem.form.sections(problem.tables, state.z, at_nodes.tensions, problem.work)

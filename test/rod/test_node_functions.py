@@ -29,7 +29,8 @@ def evaluated(problem: Problem, z: FloatArray, form: Form) -> dict[str, FloatArr
     balanced = z.copy()
     form.balance(problem.tables, balanced, at_nodes.tensions, 0.01 * z, 1e300, work)
     form.orientations(problem.tables, z, work)
-    form.residual(*given, at_nodes.force, at_nodes.couple, work)
+    form.wrenches(problem.tables, at_nodes.force, at_nodes.couple, work)
+    form.add_gradients(*given, work)
     form.jacobian(*given, at_nodes.force, work)
     return work._asdict() | {'balanced': balanced}
 
