@@ -22,8 +22,7 @@ CONDITION = Condition(TENSIONS, WRENCH)
 
 def evaluated(problem: Problem, z: FloatArray, form: Form) -> dict[str, FloatArray]:
     """What all node functions of a ``form`` make of ``z``."""
-    at_nodes = problem.at_nodes(CONDITION)
-    work = work_arrays(problem.tables, problem.strains)
+    at_nodes, work = problem.at_nodes(CONDITION), work_arrays(problem.tables, problem.strains)
     work.scale[:] = force_scale(problem.tables, CONDITION.tensions)
     given = problem.tables, z, at_nodes.tensions
     balanced = z.copy()
