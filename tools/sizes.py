@@ -31,7 +31,7 @@ MOST = {
     'octo_arm_model/simulation': 2_210,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_410,
-    'test': 24_210,
+    'test': 24_130,
 }
 
 

@@ -5,17 +5,24 @@ import functools
 import json
 from pathlib import Path
 
-import experiments
 import numpy as np
 import pytest
 from experiments import (
     ARM,
+    FAR,
     PARAMETERS,
+    TRUE,
+    arm_file,
+    bag_of,
+    description,
     midline,
+    nanoseconds,
     one_tendon,
     path_sample,
     pose_sample,
+    staircase,
     staircase_bag,
+    tension_samples,
 )
 from labs import MARKER_S, TENSIONS, TIP_ERRORS, at_any, marker_bag, seen
 from numpy.testing import assert_allclose
@@ -84,35 +91,33 @@ def test_tips_have_the_papers_error_and_no_other(write, cli):
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'status', 'message'),
+    ('options', 'status', 'message'),
     [
-        (['--align', '1', '2'], 2, '--align is 1 2, expected fit, none or X Y Z QX QY QZ QW'),
-        (['--align', *'0001110'], 2, '--align: quaternion is (1.0, 1.0, 1.0, 0.0) of length'),
-        (['--tolerance', '-1'], 2, '--tolerance is -1.0, expected a finite time >= 0 [s]'),
-        (['--clock-offset', 'nan'], 2, '--clock-offset is nan, expected a finite time [s]'),
-        (['--steady', '0'], 2, 'steady tolerance is 0.0'),
-        (['--hold', '-1'], 2, '--hold: steady duration is -1.0, expected a finite number > 0 [s]'),
-        (['--hold', '60'], 1, 'nothing to compare: no tension stays within'),
-        (['--clock-offset', '1e6'], 1, 'nothing to compare: none of'),
-        (['--settle', '60'], 1, 'for 1 s, and beyond the first 60 s'),
-        (['--clock-offset', '99'], 1, 'nothing to compare: none of'),
-        (['--midlines', 'nowhere'], 2, 'no topic nowhere for midlines or tips; it has /arm_'),
-        (['--config', 'renda2012_table4'], 2, 'no tensions for this arm on /tendon_tensions'),
+        ('--align 1 2', 2, '--align is 1 2, expected fit, none or X Y Z QX QY QZ QW'),
+        ('--align 0 0 0 1 1 1 0', 2, '--align: quaternion is (1.0, 1.0, 1.0, 0.0) of length'),
+        ('--tolerance -1', 2, '--tolerance is -1.0, expected a finite time >= 0 [s]'),
+        ('--clock-offset nan', 2, '--clock-offset is nan, expected a finite time [s]'),
+        ('--steady 0', 2, 'steady tolerance is 0.0'),
+        ('--settle nan', 2, 'time is nan, expected'),
+        ('--hold -1', 2, '--hold: steady duration is -1.0, expected a finite number > 0 [s]'),
+        ('--hold 60', 1, 'nothing to compare: no tension stays within'),
+        ('--clock-offset 99', 1, 'nothing to compare: none of'),
+        ('--settle 60', 1, 'for 1 s, and beyond the first 60 s'),
+        ('--midlines nowhere', 2, 'no topic nowhere for midlines or tips; it has /arm_'),
+        ('--config renda2012_table4', 2, 'no tensions for this arm on /tendon_tensions'),
     ],
 )
-def test_nonsense_is_refused_in_one_line(write, cli, arguments, status, message):
-    assert message in cli.refused('compare', write(), *arguments, status=status)
+def test_nonsense_is_refused_in_one_line(write, cli, options, status, message):
+    assert message in cli.refused(f'compare {write()} {options}', status=status)
 
 
 def test_of_all_models_those_that_cover_the_arm_are_compared(write, tmp_path, cli):
     weight = {**PARAMETERS, 'loads.gravity': [0.0, 0.0, -9.81], 'material.density': 1000.0}
-    config = tmp_path / 'heavy.yaml'
-    config.write_text(parameters_as_yaml(weight))
-    given = 'compare', write(), '--config', config, '--json', '--model'
-    said = cli.json(*given, 'all')
+    given = f'compare {write()} --config {arm_file(tmp_path, weight)} --json --model'
+    said = cli.json(f'{given} all')
     assert set(said['models']) == {'exact'}
     assert any('renda2012 is not compared: model is' in note for note in said['notes'])
-    assert cli(*given, 'renda2012')[0] == 2
+    assert cli(f'{given} renda2012')[0] == 2
 
 
 S = ['--marker-s', *map(str, MARKER_S), '--clock-offset', '0', '--json']
@@ -146,8 +151,7 @@ def test_compared_points_residuals_and_shapes_are_a_row_each(cli, tmp_path):
     profile = read_profile(out / 'tensions.csv', ARM)
     assert profile.tensions[::2, 0] == pytest.approx(TENSIONS, abs=2e-3)
     again = tmp_path / 'again.csv'
-    given = '--config', 'renda2012_prototype', '--csv', again
-    assert cli('play', out / 'tensions.csv', *given)[0] == 0
+    assert cli(f'play {out}/tensions.csv --config renda2012_prototype --csv {again}')[0] == 0
     assert read_profile(again, ARM).duration == pytest.approx(profile.duration)
 
 
@@ -202,29 +206,20 @@ def bag(tmp_path_factory):
     rng = np.random.default_rng(0)
 
     def see(tension, stamp_ns):
-        points = experiments.midline(
-            'closed_form',
-            experiments.one_tendon(tension),
-            31,
-            material__youngs_modulus=experiments.TRUE,
-        )
-        points = experiments.FAR.to_camera(points) + 3e-4 * rng.standard_normal(points.shape)
-        return experiments.path_sample(points, stamp_ns, frame='camera')
+        points = midline('closed_form', one_tendon(tension), 31, material__youngs_modulus=TRUE)
+        points = FAR.to_camera(points) + 3e-4 * rng.standard_normal(points.shape)
+        return path_sample(points, stamp_ns, frame='camera')
 
-    return experiments.staircase_bag(
-        tmp_path_factory.mktemp('bags') / 'bag', (0.0, 1.0, 2.0, 3.0), see
-    )
+    return staircase_bag(tmp_path_factory.mktemp('bags') / 'bag', (0.0, 1.0, 2.0, 3.0), see)
 
 
 def test_the_command_fits_every_model_and_writes_the_best(bag, tmp_path, cli):
     out = tmp_path / 'fitted.yaml'
-    arguments = ['--model', 'closed_form', 'exact', '--out', str(out), '--json']
-    said = cli.json('identify', str(bag), *arguments)
+    said = cli.json(f'identify {bag} --model closed_form exact --out {out} --json')
     assert (said['model'], said['steps'], said['trustworthy']) == ('closed_form', 4, True)
     young = said['estimates']['youngs_modulus']
     low, high = young['interval95']
-    assert low < young['value'] < high
-    assert low <= experiments.TRUE <= high
+    assert low < young['value'] < high and low <= TRUE <= high
     assert young['stddev'] > 0.0
     assert {f'alignment_{axis}' for axis in 'xyz'} < set(said['estimates'])
     assert said['correlations']['youngs_modulus']['youngs_modulus'] == pytest.approx(1.0)
@@ -238,16 +233,12 @@ def test_the_command_fits_every_model_and_writes_the_best(bag, tmp_path, cli):
     assert config.arm.material.youngs_modulus == young['value']
     assert config.uncertainty.youngs_modulus == pytest.approx(young['stddev'] / young['value'])
     # All other parameters are unchanged.
-    changed = {
-        'model',
-        'material.youngs_modulus',
-        'material.youngs_modulus_stddev',
-        'model_error_stddev',
-    }
+    young = 'material.youngs_modulus'
+    changed = {'model', young, f'{young}_stddev', 'model_error_stddev'}
     assert config.uncertainty.model_position == said['model_error_stddev'] * config.arm.length
     fitted = load_parameters(out)
     assert {name: fitted[name] for name in fitted if name not in changed} == {
-        name: value for name, value in experiments.PARAMETERS.items() if name not in changed
+        name: value for name, value in PARAMETERS.items() if name not in changed
     }
     assert cli('solve', out, '--tensions', '[[2,0,0,0]]')[0] == 0
 
@@ -267,11 +258,11 @@ def test_undetermined_parameters_end_without_a_config(bag, tmp_path, cli):
 
 
 def test_a_model_that_lacks_a_derivative_is_wrong_input(bag, cli):
-    fits = '--fit', 'youngs_modulus', 'poisson_ratio', '--align', 'fit'
-    status, _, err = cli('identify', bag, '--model', 'renda2012', *fits)
+    command = f'identify {bag} --fit youngs_modulus poisson_ratio --align fit'
+    status, _, err = cli(f'{command} --model renda2012')
     assert status == 2 and 'renda2012 has no derivative by poisson_ratio' in err
     # Of all models one has the derivative; here it is zero.
-    status, out, _ = cli('identify', bag, *fits)
+    status, out, _ = cli(command)
     assert status == 0
     assert 'renda2012 is not fitted: the model renda2012 has no derivative' in out
     assert 'poisson_ratio changes nothing that was measured' in out
@@ -287,23 +278,24 @@ ALONG = np.linspace(0.0, 0.27, 16)
 def lab(tmp_path_factory):
     """Sheaths take 4 % of the tension while it rises and add as much while it falls."""
     rng = np.random.default_rng(0)
-    time, pulled = experiments.staircase(HELD, hold=2.0)
+    time, pulled = staircase(HELD, hold=2.0)
     top = time[pulled >= max(HELD)][-1]
-    samples = [experiments.description(), *experiments.tension_samples(time, pulled)]
+    samples = [description(), *tension_samples(time, pulled)]
     for at in np.arange(0.0, time[-1], 0.5):
         tension = np.interp(at, time, pulled) * (1.0 - FRICTION if at <= top else 1.0 + FRICTION)
         points = at_any(tension, ALONG)
         points = points + 2e-4 * rng.standard_normal(points.shape)
-        samples.append(experiments.path_sample(points, experiments.nanoseconds(at)))
-    return experiments.bag_of(tmp_path_factory.mktemp('bags') / 'lab', samples)
+        samples.append(path_sample(points, nanoseconds(at)))
+    return bag_of(tmp_path_factory.mktemp('bags') / 'lab', samples)
 
 
 def test_branches_models_and_pictures(lab, tmp_path, cli):
     pytest.importorskip('matplotlib')
-    arguments = ['--model', 'closed_form', 'exact', '--clock-offset', '0']
     out, pictures = tmp_path / 'fitted.yaml', tmp_path / 'pictures'
-    given = ['--out', str(out), '--pictures', str(pictures), '--json']
-    said = cli.json('identify', str(lab), *arguments, *given)
+    said = cli.json(
+        f'identify {lab} --model closed_form exact --clock-offset 0 --out {out} '
+        f'--pictures {pictures} --json'
+    )
     notes = ' '.join(said['notes'])
     assert 'loading and unloading differ by more than the noise' in notes
     assert '5 steps are of 3 loads' in notes
@@ -319,8 +311,7 @@ def test_branches_models_and_pictures(lab, tmp_path, cli):
 
 
 def test_steps_of_one_load_are_told_apart_by_their_direction(lab, cli):
-    arguments = ['--clock-offset', '0', '--model', 'exact', '--json']
-    said = cli.json('compare', str(lab), *arguments)
+    said = cli.json(f'compare {lab} --clock-offset 0 --model exact --json')
     assert [step['direction'] for step in said['steps']] == 3 * ['loading'] + 2 * ['unloading']
     bend = [step['bend_error_percent'] for step in said['steps']]
     # The same tensions, first while they rise: the arm bends less.

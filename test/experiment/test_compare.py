@@ -9,6 +9,7 @@ import pytest
 from experiments import (
     FAR,
     HELD,
+    PARAMETERS,
     bag_of,
     circle,
     description,
@@ -27,13 +28,7 @@ from numpy.testing import assert_allclose
 from recordings import Sample
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.arm.errors import (
-    ArmDefinitionError,
-    BagError,
-    ConfigError,
-    MeasurementError,
-    SolveError,
-)
+from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError, SolveError
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment import bag_recording
 from octo_arm_model.experiment.camera import Alignment, clock_offset, undetermined
@@ -64,22 +59,20 @@ PERCENT = 100.0 / experiments.ARM.length
 
 
 def answer(tension: float, model: str = 'closed_form') -> np.ndarray:
-    return experiments.midline(model, experiments.one_tendon(tension))
+    return midline(model, one_tendon(tension))
 
 
 def compared(lines: list[np.ndarray], alignment: Alignment | None = Alignment.none()):
-    seen = experiments.shapes(lines, [experiments.one_tendon(tension) for tension in STEPS])
-    return compare(seen, experiments.PARAMETERS, 'closed_form', alignment)
+    seen = experiments.shapes(lines, [one_tendon(tension) for tension in STEPS])
+    return compare(seen, PARAMETERS, 'closed_form', alignment)
 
 
 @pytest.mark.parametrize('angle', [0.02, 0.1])
 def test_an_arm_turned_about_its_base_is_off_by_the_chord(angle):
     turn = Rotation.from_rotvec([0.0, 0.0, angle])
     lines = [turn.apply(answer(tension)) for tension in STEPS]
-    expected = [
-        2.0 * np.sin(0.5 * angle) * np.linalg.norm(answer(tension)[-1]) * PERCENT
-        for tension in STEPS
-    ]
+    chord = 2.0 * np.sin(0.5 * angle) * PERCENT
+    expected = [chord * np.linalg.norm(answer(tension)[-1]) for tension in STEPS]
     comparison = compared(lines)
     assert comparison.percent('tip') == pytest.approx(expected, rel=1e-3)
     # Of the straight arm every point is off in proportion to its distance from the base, and the
@@ -92,30 +85,30 @@ def test_an_arm_turned_about_its_base_is_off_by_the_chord(angle):
 
 
 def test_a_fitted_alignment_takes_away_what_a_camera_could_explain():
-    lines = [experiments.FAR.to_camera(answer(tension)) for tension in STEPS]
+    lines = [FAR.to_camera(answer(tension)) for tension in STEPS]
     comparison = compared(lines, None)
     assert comparison.percent('hausdorff') == pytest.approx([0.0] * 3, abs=0.02)
     assert 'it removes the error that a motion of the camera explains' in comparison.notes[0]
     assert 'mirror image' in comparison.notes[1]
     # The true alignment gives the same errors, a wrong one larger ones.
-    assert compared(lines, experiments.FAR).percent('max') == pytest.approx([0.0] * 3, abs=0.01)
+    assert compared(lines, FAR).percent('max') == pytest.approx([0.0] * 3, abs=0.01)
     with pytest.raises(MeasurementError, match='is the alignment right'):
         compared(lines, Alignment.none())
 
 
 def test_steps_without_an_answer_are_named_and_the_others_compared():
-    pulls = [experiments.one_tendon(1.0), experiments.one_tendon(500.0)]
+    pulls = [one_tendon(1.0), one_tendon(500.0)]
     seen = experiments.shapes([answer(1.0), answer(1.0)], pulls)
-    comparison = compare(seen, experiments.PARAMETERS, 'closed_form', Alignment.none())
+    comparison = compare(seen, PARAMETERS, 'closed_form', Alignment.none())
     assert [step.number for step in comparison.steps] == [1]
     assert comparison.refused[0].startswith('step 2: tensions compress the arm to nothing')
     with pytest.raises(SolveError, match='closed_form has no answer for any step; step 1'):
-        compare(seen[1:], experiments.PARAMETERS, 'closed_form', None)
+        compare(seen[1:], PARAMETERS, 'closed_form', None)
 
 
 def test_where_friction_leaves_no_derivative_a_straight_step_has_errors_but_no_bend():
-    rough = {**experiments.PARAMETERS, 'tendons.friction': [0.2]}
-    seen = experiments.shapes([answer(0.0)], [experiments.one_tendon(0.0)])
+    rough = {**PARAMETERS, 'tendons.friction': [0.2]}
+    seen = experiments.shapes([answer(0.0)], [one_tendon(0.0)])
     (step,) = compare(seen, rough, 'exact', Alignment.none()).steps
     assert step.errors.tip == pytest.approx(0.0, abs=1e-6)
     assert np.isnan(step.bend)
@@ -127,10 +120,10 @@ def test_where_friction_leaves_no_derivative_a_straight_step_has_errors_but_no_b
 def test_what_an_alignment_leaves_open_is_said():
     line = np.linspace(0.0, 1.0, 10)[:, np.newaxis] * [1.0, 2.0, 0.5]
     assert 'rotation about it is open' in undetermined(line, 0.0)[0]
-    assert 'mirror image' in undetermined(experiments.circle(), 0.0)[0]
+    assert 'mirror image' in undetermined(circle(), 0.0)[0]
     assert 'no rotation' in undetermined(np.zeros((4, 3)), 0.0)[0]
     # An arm of 200 mm that goes 5.5 mm out of its plane is told from one in it by the noise.
-    points = experiments.circle()
+    points = circle()
     points[:, 2] = 5.5e-3 * np.sin(np.linspace(0.0, 2.0 * np.pi, len(points)))
     noisy = points + 1e-4 * np.random.default_rng(0).standard_normal(points.shape)
     assert undetermined(noisy, 1e-4 * np.sqrt(3.0)) == ()
@@ -139,22 +132,20 @@ def test_what_an_alignment_leaves_open_is_said():
 
 def test_the_camera_is_found_despite_outliers_and_midlines_that_begin_late():
     rng = np.random.default_rng(5)
-    pulls = [experiments.one_tendon(tension) for tension in experiments.HELD]
-    lines = [
-        experiments.FAR.to_camera(experiments.midline('closed_form', pull)[3:]) for pull in pulls
-    ]
+    pulls = [one_tendon(tension) for tension in HELD]
+    lines = [FAR.to_camera(midline('closed_form', pull)[3:]) for pull in pulls]
     seen = experiments.shapes(lines, pulls, rng, noise=2e-4)
     # A third of one midline is far from the arm.
     lost = seen[4].points.copy()
     lost[-15:] += [0.04, -0.03, 0.02]
     seen[4] = dataclasses.replace(seen[4], points=lost)
-    found = fit_alignment(seen, experiments.PARAMETERS, 'closed_form')
-    assert Rotation.from_matrix(found.rotation @ experiments.FAR.rotation.T).magnitude() < 2e-3
-    points = experiments.midline('closed_form', experiments.one_tendon(2.0))
-    assert np.abs(found.to_base(experiments.FAR.to_camera(points)) - points).max() < 5e-4
-    (tip,) = experiments.shapes([np.zeros((1, 3))], [experiments.one_tendon(1.0)])
+    found = fit_alignment(seen, PARAMETERS, 'closed_form')
+    assert Rotation.from_matrix(found.rotation @ FAR.rotation.T).magnitude() < 2e-3
+    points = midline('closed_form', one_tendon(2.0))
+    assert np.abs(found.to_base(FAR.to_camera(points)) - points).max() < 5e-4
+    (tip,) = experiments.shapes([np.zeros((1, 3))], [one_tendon(1.0)])
     with pytest.raises(MeasurementError, match=r'1 measured point\(s\), expected at least 3'):
-        fit_alignment([tip], experiments.PARAMETERS, 'closed_form')
+        fit_alignment([tip], PARAMETERS, 'closed_form')
 
 
 def offset_of(seen: Recording, kept: object = slice(None), **changes: object) -> float | None:
@@ -176,13 +167,9 @@ def test_the_clock_of_the_camera_is_set_by_the_motion(ahead):
 @pytest.mark.parametrize(('ahead', 'friction'), [(0.0, 0.1), (0.3, 0.02)])
 def test_friction_is_not_taken_for_an_offset(ahead, friction):
     """A tip that is behind at each reversal is so at rest as well, which no clock explains."""
-    values = {
-        **experiments.PARAMETERS,
-        'tendons.friction': [friction],
-        'material.youngs_modulus': 1.3e5,
-    }
-    solver = Config.from_parameters(values).solver('closed_form', 31)
-    time, pulled = experiments.staircase((0.0, 1.5, 3.0, 1.5), hold=2.0, rate=25.0)
+    rough = {'tendons.friction': [friction], 'material.youngs_modulus': 1.3e5}
+    solver = Config.from_parameters(PARAMETERS | rough).solver('closed_form', 31)
+    time, pulled = staircase((0.0, 1.5, 3.0, 1.5), hold=2.0, rate=25.0)
     tensions = np.outer(pulled, [1.0, 0.0, 0.0, 0.0])
     tips = np.array([backbone.tip for backbone in followed(solver, tensions)])
     tips += 5e-4 * np.random.default_rng(0).standard_normal(tips.shape)
@@ -191,18 +178,13 @@ def test_friction_is_not_taken_for_an_offset(ahead, friction):
 
 
 def test_an_arm_that_is_only_seen_at_rest_does_not_move_the_clock():
-    seen = experiments.recording(held=experiments.HELD[:4], rate=50.0)
+    seen = experiments.recording(held=HELD[:4], rate=50.0)
     # Of 3 s at rest and 1 s on the way, from 0.5 to 2.5 s.
     at_rest = (seen.frame_time % 4.0 > 0.5) & (seen.frame_time % 4.0 < 2.5)
     assert offset_of(seen, at_rest) == 0.0
-    noise = 1e-3 * np.random.default_rng(0).standard_normal((len(seen.frames), 1, 3))
-    still = dataclasses.replace(experiments.recording(held=(2.0, 2.0)), frames=tuple(noise))
-    still = dataclasses.replace(
-        still,
-        frame_time=still.frame_time[: len(noise)],
-        frames=still.frames[: len(still.frame_time)],
-    )
-    assert offset_of(still) is None
+    still = experiments.recording(held=(2.0, 2.0))
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((len(still.frames), 1, 3))
+    assert offset_of(dataclasses.replace(still, frames=tuple(noise))) is None
 
 
 # From a recording to shapes ----------------------------------------------------------------------
@@ -251,15 +233,12 @@ def test_no_point_of_a_curve_is_nearer_than_the_nearest(x, y, z):
     assert length * abs(fraction[0] - brute.argmin() / 2000) < 0.02 or brute.min() > 0.05
 
 
-def test_hausdorff_sees_what_the_distance_to_the_model_does_not():
-    # The measured arm ends early: all of it lies on the model, but not all of the model on it.
+def test_midlines_that_end_early_or_begin_along_the_arm_are_compared_as_far_as_they_go():
+    # All of it lies on the model, but not all of the model on it.
     errors = midline_errors(ARC[:301], Curve(ARC))
     missing = float(np.linalg.norm(ARC[300] - ARC[-1]))
     assert errors.tip == errors.hausdorff == pytest.approx(missing)
     assert errors.max == pytest.approx(0.0, abs=1e-12)
-
-
-def test_a_midline_that_begins_along_the_arm_is_compared_from_there():
     assert midline_errors(ARC[40:], Curve(ARC)).hausdorff == pytest.approx(0.0, abs=1e-12)
     assert Curve(ARC).fraction_at(ARC[40]) == pytest.approx(0.1)
     with pytest.raises(MeasurementError, match='begins outside -10% to 25% of the arm'):
@@ -305,26 +284,19 @@ def test_what_cannot_be_used_is_counted_by_topic_and_reason(tmp_path):
     points = midline('closed_form', one_tendon(2.0), 15)
     bad = points.copy()
     bad[4, 1] = np.nan
-    extra = [
-        path_sample(bad, nanoseconds(1.01)),
-        path_sample(points[:1], nanoseconds(1.02)),
-        path_sample(points * 1e3, nanoseconds(1.03)),
-        path_sample(points, nanoseconds(1.04), frame='elsewhere'),
-        *tension_samples(np.array([1.05]), np.array([-1.0])),
-    ]
+    extra = {
+        path_sample(bad, nanoseconds(1.01)): 'point 5 is [',
+        path_sample(points[:1], nanoseconds(1.02)): 'it has 1 point(s)',
+        path_sample(points * 1e3, nanoseconds(1.03)): 'extends over',
+        path_sample(points, nanoseconds(1.04), frame='elsewhere'): "frame is 'elsewhere', expec",
+        tension_samples([1.05], [-1.0])[0]: 'tension of tendon_1_1 is -1.0 N',
+    }
     seen = read_recording(bag_of(tmp_path / 'bag', [description(), *lab(), *extra]))
     assert len(seen.frames) == 40
-    expected = [
-        ('/camera/midline', 'point 5 is ['),
-        ('/camera/midline', 'it has 1 point(s)'),
-        ('/camera/midline', 'extends over'),
-        ('/camera/midline', "frame is 'elsewhere', expected 'arm_base'"),
-        ('/tendon_tensions', 'tension of tendon_1_1 is -1.0 N'),
-    ]
-    for topic, words in expected:
-        reasons = [reason for reason in seen.refusals.of(topic) if words in reason]
-        assert len(reasons) == 1 and seen.refusals.of(topic)[reasons[0]] == 1
-    assert seen.refusals.total == len(expected)
+    for sample, words in extra.items():
+        reasons = seen.refusals.of(sample.topic).items()
+        assert [count for reason, count in reasons if words in reason] == [1]
+    assert seen.refusals.total == len(extra)
     notes = observe(seen, known=Alignment.none()).notes
     assert any('/tendon_tensions: 1 left out, as tension of tendon_1_1' in one for one in notes)
 
@@ -360,12 +332,6 @@ NOISE = np.random.default_rng(3).standard_normal(TIME.size)
 
 def windows_of(time: np.ndarray, pulled: np.ndarray, **rule: float) -> list[Window]:
     return steady_windows(time, pulled[:, np.newaxis], SteadyRule(**rule))
-
-
-@pytest.mark.parametrize('rule', [{'tolerance': 0.0}, {'duration': -1.0}, {'settle': np.nan}])
-def test_rules_that_make_no_sense_are_refused(rule):
-    with pytest.raises(ArmDefinitionError):
-        SteadyRule(**rule)
 
 
 def test_every_held_tension_is_a_window_and_no_way_between_is():
@@ -544,16 +510,14 @@ def test_before_and_after_its_stamps_a_transform_is_unknown(tmp_path, cli):
     ],
 )
 def test_frames_that_lead_nowhere_are_refused_in_one_line(frames, message, tmp_path, cli):
-    bag = str(chain_bag(tmp_path / 'bag'))
-    words = ['--marker-s', *map(str, MARKER_S), '--marker-frames', *frames]
-    assert message in cli.refused('compare', bag, *words)
+    words = '--marker-s', *MARKER_S, '--marker-frames', *frames
+    assert message in cli.refused('compare', chain_bag(tmp_path / 'bag'), *words)
 
 
 def test_how_many_transforms_are_kept_is_bounded(tmp_path, cli, monkeypatch):
     monkeypatch.setattr(bag_recording, 'MOST_TRANSFORMS', 10)
-    assert 'more than 10 transforms' in cli.refused(
-        'compare', str(chain_bag(tmp_path / 'bag')), *OPTIONS
-    )
+    line = cli.refused('compare', chain_bag(tmp_path / 'bag'), *OPTIONS)
+    assert 'more than 10 transforms' in line
 
 
 LEVEL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -581,9 +545,7 @@ def test_a_rotation_on_the_way_is_one_and_that_of_the_marker_itself_does_not_cou
         )
     # An orientation that nobody set.
     tree = tree_of(('tracker', 'marker', (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)), is_static=True)
-    tree.add(
-        'world', 'tracker', 5, np.array([0.0, 2.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]), False
-    )
+    tree.add('world', 'tracker', 5, np.array([0.0, 2.0, 0.0]), np.eye(4)[3], False)
     stamps, points = tree.origins('marker', 'world', lambda why: None)
     assert (stamps.tolist(), points.tolist()) == ([5], [[1.0, 2.0, 0.0]])
 
@@ -640,9 +602,9 @@ def test_what_is_forgotten_is_older_than_the_newest_by_the_history(
 
     for stamp in first:
         move(stamp)
-    for stamp in later or [None]:
-        if stamp is not None:
-            move(stamp)
+    tree.forget(history)
+    for stamp in later:
+        move(stamp)
         tree.forget(history)
     assert tree.pose('b', 'a', known).position[0] == known
     with pytest.raises(MeasurementError, match='is not known'):
