@@ -96,7 +96,8 @@ class Parameter:
 
     def _check_one(self, name: str, value: Any) -> None:
         unit = ''.join(_UNIT.findall(self.description)[:1])
-        choices = _WORDS.split(self.range.removeprefix('one of ')) if self.is_choice else []
+        words = self.range.removeprefix('one of ').removesuffix(', or empty')
+        choices = _WORDS.split(words) if self.is_choice else []
         if self.range == '>= 0' and self.kind is int:
             validation.whole(name, value)
         elif self.range == '>= 0':

@@ -80,9 +80,11 @@ def _obstacles(given: Values) -> tuple[Obstacle, ...]:
         try:
             found.append(make(**own))
         except ArmDefinitionError as error:
-            name = error.field.partition('.')[2]
+            name, at = error.field.partition('.')[2], f'{number}'
+            if name in ('normal', 'axis'):  # of a plane, of a cylinder
+                name, at = 'direction', f'{3 * number}:{3 * number + 3}'
             raise ArmDefinitionError(
-                f'obstacles[{number}].{name}', error.value, error.expected
+                f'obstacles.{name}[{at}]', error.value, error.expected
             ) from None
     return tuple(found)
 

@@ -121,7 +121,7 @@ def test_the_file_of_an_arm_says_how_it_moves():
     assert config.motion == MotionProperties(300.0, 0.0, 1.1, 0.01, 1.0, (0.1, 0.0, 0.0))
     assert config.dynamics(5).properties == config.motion
     for wrong, message in (
-        ({'motion.water': 'sea'}, "motion.water is 'sea', expected renda2018 or cylinder"),
+        ({'motion.water': 'empty'}, "motion.water is 'empty', expected renda2018 or cylinder"),
         ({'motion.added_mass': 1.0}, 'expected 0 where motion.water is given'),
         ({'motion.current': [1.0]}, 'motion.current'),
         ({'motion.viscosity': -1.0}, 'motion.viscosity'),
