@@ -22,7 +22,7 @@ MOST = {
     'octo_arm_model/arm': 2_480,
     'octo_arm_model/bags': 2_720,
     'octo_arm_model/cli': 2_960,
-    'octo_arm_model/config': 1_720,
+    'octo_arm_model/config': 1_740,
     'octo_arm_model/estimation': 3_730,
     'octo_arm_model/experiment': 6_000,
     'octo_arm_model/reproduce': 1_050,
@@ -31,7 +31,7 @@ MOST = {
     'octo_arm_model/simulation': 2_210,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_410,
-    'test': 24_130,
+    'test': 24_160,
 }
 
 

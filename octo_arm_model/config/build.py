@@ -21,22 +21,22 @@ from octo_arm_model.config.parameter import Values, check_length
 from octo_arm_model.rod.checks import check_tensions
 from octo_arm_model.rod.sensitivity import Uncertainty
 
-_ROUNDING = 1e-15  # over an offset: rounding of the sum of reading and offset
+_ROUNDING = 1e-15  # relative to an offset: rounding of the sum of reading and offset
 
 
 @dataclass(frozen=True)
 class LoadCellCalibration:
-    """Calibration of the load cells of an arm: tension = scale * reading + offset.
+    """The calibration of the load cells of an arm: tension = scale * reading + offset.
 
-    Tensions within the deadband of zero are then set to zero, since the cells of slack tendons
-    read small values of either sign. A tension further below zero is refused.
+    A tension within the deadband about zero is then set to zero, since load cells of slack tendons
+    read small values of either sign. A tension below minus the deadband is refused.
 
     Attributes:
-        deadband: of every tension [N], >= 0.
-        offset: of each tendon [N]; empty for none.
-        scale: of each tendon [-], > 0; empty for 1.
-        names: name of each tendon in incoming messages, see `wire.tensions`; empty for the
-            name of the tendon.
+        deadband: largest magnitude of a tension that is set to zero [N], >= 0.
+        offset: offset for each tendon [N]; empty for no offsets.
+        scale: scale for each tendon [-], > 0; empty for 1.
+        names: name of each tendon in incoming messages, as in `wire.tensions`; empty for the
+            names of the tendons.
     """
 
     deadband: float = 0.0
@@ -46,15 +46,15 @@ class LoadCellCalibration:
 
     @functools.cached_property
     def is_identity(self) -> bool:
-        """Whether readings are tensions without conversion."""
-        return not (self.deadband or any(self.offset) or any(one != 1.0 for one in self.scale))
+        """Whether readings are tensions as they are."""
+        return not (self.deadband or any(self.offset) or any(k != 1.0 for k in self.scale))
 
     def tensions(self, arm: Arm, readings: ArrayLike) -> FloatArray:
-        """Tensions of ``arm`` for ``readings``, both (..., *`Arm.tension_shape`) [N].
+        """Return tensions of ``arm`` for ``readings``, both (..., *`Arm.tension_shape`) [N].
 
         Raises:
-            TensionError: if the shape is another, or a tension is not finite or below zero by
-                more than the deadband; the message names the tendon.
+            TensionError: if the shape is wrong, or a tension is not finite or below minus the
+                deadband; the message names the tendon.
         """
         if self.is_identity:
             return check_tensions(arm, readings)
@@ -73,35 +73,35 @@ class LoadCellCalibration:
             ) from None
 
     def scale_and_offset(self, readings: FloatArray) -> FloatArray:
-        """Tensions for ``readings``, (..., tendons) or (..., *`Arm.tension_shape`) [N].
+        """Return tensions for ``readings``, (..., tendons) or (..., *`Arm.tension_shape`) [N].
 
-        Nothing is refused: tensions below minus the deadband are returned as they are.
+        No tension is refused: those below minus the deadband are returned as they are.
         """
         flat, count = readings, max(len(self.scale), len(self.offset))
         if count and readings.shape[-1] != count:
-            # Sections with equal numbers of tendons are rows.
+            # If all sections have equal numbers of tendons, each is a row.
             flat = readings.reshape(*readings.shape[:-2], count)
         offset = np.array(self.offset or 0.0)
-        with np.errstate(all='ignore'):  # what is not finite is refused as a tension
+        with np.errstate(all='ignore'):  # a value that is not finite is refused as a tension
             tensions = flat * (self.scale or 1.0) + offset
         band = np.maximum(self.deadband, _ROUNDING * np.abs(offset))
         return np.where(np.abs(tensions) <= band, 0.0, tensions).reshape(readings.shape)
 
     def readings(self, tensions: FloatArray) -> FloatArray:
-        """Readings of cells without errors under ``tensions`` (tendons,) [N]: the inverse."""
+        """Return what load cells without errors read under ``tensions`` (tendons,) [N]."""
         return np.asarray((tensions - np.array(self.offset or 0.0)) / (self.scale or 1.0))
 
 
 @dataclass(frozen=True)
 class EncoderCalibration:
-    """What the encoders of winches read: length reeled in = scale * reading + offset.
+    """The calibration of the encoders of winches: length reeled in = scale * reading + offset.
 
     Attributes:
-        names: name of the reading of each tendon in incoming messages, see `wire.tensions`; of one
-            motor that reels several tendons the same; empty for the name of the tendon.
-        scale: of each tendon [m per unit of the reading]: radius of the spool for radians, < 0
-            where the motor lets out as it turns forwards; empty for 1.
-        offset: of each tendon [m]; empty for none.
+        names: name of the reading of each tendon in incoming messages, as in `wire.tensions`;
+            tendons of one motor have the same name; empty for the names of the tendons.
+        scale: scale for each tendon [m per unit of the reading]: radius of the spool for radians,
+            < 0 if the motor lets the tendon out as it turns forwards; empty for 1.
+        offset: offset for each tendon [m]; empty for no offsets.
     """
 
     names: tuple[str, ...] = ()
@@ -110,19 +110,19 @@ class EncoderCalibration:
 
     @property
     def is_identity(self) -> bool:
-        """Whether readings are lengths by name of their tendons."""
+        """Whether readings are lengths under the names of their tendons."""
         return self == EncoderCalibration()
 
     def lengths(self, readings: FloatArray) -> FloatArray:
-        """Lengths reeled in [m] for ``readings``, both (..., tendons)."""
+        """Return the lengths reeled in [m] for ``readings``, both (..., tendons)."""
         return np.asarray(readings * (self.scale or 1.0) + np.array(self.offset or 0.0))
 
 
 def build_arm(given: Values) -> Arm:
-    """The arm described by ``given``, a value for every parameter.
+    """Return the arm with the parameters ``given``.
 
     Raises:
-        ConfigError: if lists do not have the lengths they need.
+        ConfigError: if a list has the wrong length.
         ArmDefinitionError: if the arm cannot exist.
     """
     return Arm(
@@ -141,10 +141,10 @@ def build_arm(given: Values) -> Arm:
 
 
 def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
-    """Calibration of the load cells of ``arm``.
+    """Return the calibration of the load cells of ``arm``.
 
     Raises:
-        ConfigError: if there are offsets, scales or names, but not one for each tendon.
+        ConfigError: if offsets, scales or names are given, but not one for each tendon.
     """
     names = given['tension_names']
     distinct = [name for name in names if name != '-']
@@ -157,20 +157,20 @@ def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
 
 
 def build_encoders(given: Values, arm: Arm) -> EncoderCalibration:
-    """What the encoders of ``arm`` read.
+    """Return the calibration of the encoders of ``arm``.
 
     Raises:
-        ConfigError: if there are offsets, scales or names, but not one for each tendon.
+        ConfigError: if offsets, scales or names are given, but not one for each tendon.
         ArmDefinitionError: if a scale is 0.
     """
     names, scale = given['displacement_names'], tuple(given['displacement_scale'])
     if '' in names:
         raise ConfigError(f'displacement_names is {shown(list(names))}, expected names or -')
-    for one in scale:
-        positive('displacement_scale', abs(one), 'm per unit of the reading')
+    for factor in scale:
+        positive('displacement_scale', abs(factor), 'm per unit of the reading')
     scale = len(arm.tendons) * scale if len(scale) == 1 else scale
-    all_given = {**given, 'displacement_scale': scale}
-    check_each(all_given, arm, 'displacement_names', 'displacement_scale', 'displacement_offset')
+    scaled = {**given, 'displacement_scale': scale}
+    check_each(scaled, arm, 'displacement_names', 'displacement_scale', 'displacement_offset')
     return EncoderCalibration(tuple(names), scale, tuple(given['displacement_offset']))
 
 
@@ -178,7 +178,7 @@ def check_each(given: Values, arm: Arm, *names: str) -> None:
     """Check that each of the lists ``names`` is empty or has a value for each tendon of ``arm``.
 
     Raises:
-        ConfigError: if one is not.
+        ConfigError: if a list has another number of values.
     """
     for name in names:
         if given[name]:
@@ -186,7 +186,7 @@ def check_each(given: Values, arm: Arm, *names: str) -> None:
 
 
 def build_uncertainty(given: Values, arm: Arm) -> Uncertainty:
-    """Standard deviations of tensions, displacements, material and tendon offsets of ``arm``."""
+    """Return standard deviations of tensions, displacements, material and offsets of tendons."""
     model = given['model_error_stddev']
     return Uncertainty(
         tension=given['tension_stddev'],
@@ -194,8 +194,8 @@ def build_uncertainty(given: Values, arm: Arm) -> Uncertainty:
         youngs_modulus=given['material.youngs_modulus_stddev'],
         poisson_ratio=given['material.poisson_ratio_stddev'],
         offset=given['tendons.offset_stddev'],
-        # An error of the curvature, constant along the arm, that moves the tip by d turns it by
-        # 2 d / length.
+        # An error of the curvature that is constant along the arm and moves the tip by d turns
+        # the tip by 2 d / length.
         model_position=model * arm.length,
         model_rotation=2.0 * model,
     )
@@ -224,25 +224,25 @@ def _discs(given: Values) -> Discs:
         raise ConfigError(f'tendons.disc_count is {count}, expected 0 with tendons.discs')
     if not 0 <= count <= MAX_DISCS:
         raise ConfigError(f'tendons.disc_count is {count}, expected 0 to {MAX_DISCS}')
-    both = given['tendons.disc_thickness'], given['tendons.disc_mass']
-    return Discs.evenly(count, given['body.length'], *both) if count else Discs(s, *both)
+    disc = given['tendons.disc_thickness'], given['tendons.disc_mass']
+    return Discs.evenly(count, given['body.length'], *disc) if count else Discs(s, *disc)
 
 
 def _body(given: Values) -> Body | ProfiledBody | RectangularBody:
     length, discs = given['body.length'], given['body.disc_radius']
     width, height = (_along(given, 'body', x, given[f'body.{x}']) for x in ('width', 'height'))
-    inner = _along(given, 'body', 'inner_radius', given['body.inner_radius'])
+    bore = _along(given, 'body', 'inner_radius', given['body.inner_radius'])
     radii = ('radius_base', 'radius_tip', 'table_radius', 'inner_radius', 'table_inner_radius')
-    round_ones = [name for name in radii if given.get(f'body.{name}')]
+    given_radii = [name for name in radii if given.get(f'body.{name}')]
     if width != 0.0 or height != 0.0:
-        if round_ones:
-            raise ConfigError(f'body.{round_ones[0]} does not go with width and height of a body')
+        if given_radii:
+            raise ConfigError(f'body.{given_radii[0]} does not go with width and height of a body')
         _all_along(given, 'body', {'width': 0.0, 'height': 0.0})
         return RectangularBody(length, width, height, discs)
     if given['body.table_s']:
         radius = _table(given, 'body.table_radius', given['body.table_s'])
-        return ProfiledBody(length, radius, discs, inner)
-    return Body(length, given['body.radius_base'], given['body.radius_tip'], discs, inner)
+        return ProfiledBody(length, radius, discs, bore)
+    return Body(length, given['body.radius_base'], given['body.radius_tip'], discs, bore)
 
 
 def _stiffness(given: Values) -> GivenStiffness:
@@ -272,15 +272,15 @@ def _rest(given: Values) -> RestShape:
 def _all_along(
     given: Values, group: str, constants: Mapping[str, float]
 ) -> dict[str, float | Profile]:
-    """What the tables of a ``group`` say, or else its ``constants``."""
+    """Return the profiles in the tables of a ``group``, or its ``constants`` without a table."""
     tables = [f'{group}.table_{name}' for name in constants]
     if given[f'{group}.table_s'] and not any(given[table] for table in tables):
         raise ConfigError(f'{group}.table_s has no effect without one of {", ".join(tables)}')
-    return {name: _along(given, group, name, one) for name, one in constants.items()}
+    return {name: _along(given, group, name, value) for name, value in constants.items()}
 
 
 def _along(given: Values, group: str, name: str, constant: float) -> float | Profile:
-    """What a table of a ``group`` says of ``name``, or else the ``constant``."""
+    """Return the profile ``name`` in a table of a ``group``, or the ``constant`` without one."""
     table, s = f'{group}.table_{name}', f'{group}.table_s'
     if not given[table]:
         return constant
@@ -292,9 +292,9 @@ def _along(given: Values, group: str, name: str, constant: float) -> float | Pro
 def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
     anchorages = given['sections.anchorage']
     count = len(anchorages)
-    like = ' like sections.anchorage, one per section'
+    expected = ' like sections.anchorage, one per section'
     numbers = given['sections.tendons'] or count * (4,)
-    check_length('sections.tendons', numbers, count, like)
+    check_length('sections.tendons', numbers, count, expected)
     for number in numbers:
         if number < 1:
             raise ConfigError(f'sections.tendons is {list(numbers)}, expected at least 1 each')
@@ -317,7 +317,7 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
         )
     offsets = [given[f'sections.{name}'] for name in ('offset_base', 'offset_anchorage')]
     for name, column in zip(('offset_base', 'offset_anchorage'), offsets, strict=True):
-        check_length(f'sections.{name}', column, count, like)
+        check_length(f'sections.{name}', column, count, expected)
     sections, first = [], 0
     for anchorage, base, end, number in zip(anchorages, *offsets, numbers, strict=True):
         part = slice(first, first + number)
@@ -327,7 +327,7 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
 
 
 def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
-    """Tendons with tabulated paths."""
+    """Return the tendons with paths from tables."""
     s, between = given['tendons.table_s'], given['tendons.table_between']
     if between == LINEAR and any(given['tendons.friction']):
         raise ConfigError(

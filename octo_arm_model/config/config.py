@@ -1,4 +1,4 @@
-"""The configuration of an arm and its solver, read from a ROS parameter file without ROS."""
+"""The configuration of an arm and of its solver, read from a ROS parameter file without ROS."""
 
 import contextlib
 from collections.abc import Mapping
@@ -29,15 +29,15 @@ class Config:
 
     Attributes:
         arm: the arm.
-        base: pose of its base in ``base_frame``.
+        base: pose of the base in ``base_frame``.
         model: name of the model.
         stations: number of stations along the backbone.
-        base_frame: name of the frame the backbone is expressed in.
+        base_frame: name of the frame in which the backbone is expressed.
         frame_prefix: prefix of the names of the frames of tip and anchorages.
         law: name of the elastic law of the model exact.
-        shear: whether its cross sections shear.
+        shear: whether cross sections shear.
         loads: loads on the arm besides its tendons.
-        motion: damping of an arm that moves, and the water's.
+        motion: damping of the material, drag and added mass of the water, for an arm that moves.
         uncertainty: standard deviations of tensions, displacements, material and tendon offsets.
         friction_memory: gap between tensions after which the history of tendons with friction is
             forgotten [s]; 0 for never.
@@ -47,11 +47,11 @@ class Config:
             defaults of `simulation.movements`.
         load_cells: calibration of the load cells.
         encoders: calibration of the encoders of the winches.
-        tension_type: type of further messages that the node takes tensions from; empty for none.
-        tension_field: their field that holds the tensions.
-        displacement_type: likewise of displacements.
-        displacement_field: their field that holds what encoders read.
-        solve_budget: what one solve of a loaded arm may take in the node.
+        tension_type: type of additional messages with tensions for the node; empty for none.
+        tension_field: field of these messages that holds the tensions.
+        displacement_type: type of additional messages with readings of encoders; empty for none.
+        displacement_field: field of these messages that holds the readings.
+        solve_budget: iterations and time that a solve of a loaded arm may take in the node.
     """
 
     arm: Arm
@@ -79,7 +79,7 @@ class Config:
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> 'Config':
-        """From a mapping of dotted parameter names, as in ROS, to values.
+        """Return the configuration with ``values`` by dotted names of parameters, as in ROS.
 
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
@@ -132,15 +132,15 @@ class Config:
         compiled: bool | None = None,
         budget: Budget | None = None,
     ) -> Solver:
-        """Solver of this arm, with another ``model`` or number of ``stations`` if given.
+        """Return a solver of this arm, with another ``model`` or number of ``stations`` if given.
 
-        By default in machine code where numba works, see `Solver`, and with the iterations of
-        `solve_budget`, but not its seconds: an answer does not depend on how busy a computer is.
+        By default it runs machine code if numba works, and has the iterations of `solve_budget`,
+        but not its seconds, so that a result does not depend on how busy the computer is.
 
         Raises:
-            ConfigError: if there is no such model, it does not cover the arm or its loads, or the
-                stations are too few.
-            Exception: if ``compiled`` but numba is not installed or does not work.
+            ConfigError: if there is no such model, the model does not cover the arm or its loads,
+                or there are too few stations.
+            Exception: if ``compiled`` is true but numba is not installed or does not work.
         """
         return Solver(
             self.arm,
@@ -151,25 +151,25 @@ class Config:
         )
 
     def dynamics(self, stations: int | None = None, *, compiled: bool | None = None) -> Dynamics:
-        """The arm in motion, by the model exact whatever the file says.
+        """Return the dynamics of the arm, always by the model exact.
 
         Raises:
-            ConfigError: if the stations are too few.
+            ConfigError: if there are too few stations.
             ArmDefinitionError: if the arm has no density.
-            Exception: if ``compiled`` but numba is not installed or does not work.
+            Exception: if ``compiled`` is true but numba is not installed or does not work.
         """
         return Dynamics(self.solver('exact', stations, compiled=compiled), self.motion)
 
     def node_solver(self) -> Solver:
-        """As `solver`, for a node: within the whole `solve_budget`, and ready to solve.
+        """Return a solver for a node, which has the whole `solve_budget` and is ready to solve.
 
-        Tables are made and machine code is loaded at the first use: here, before messages come.
+        The first solve makes tables and loads machine code; it is made here, before messages come.
 
         Raises:
-            OctoArmError: as `solver`, or if the unloaded arm has no shape.
+            OctoArmError: if the model does not cover the arm, or gives no shape without tensions.
         """
         solver = self.solver(budget=self.solve_budget)
-        # A solve beyond its budget is reported when one comes.
+        # A solve beyond the budget is reported when a message asks for it.
         with contextlib.suppress(ContinuationError):
             backbone = solver.solve(0.0 * solver.rest_lengths)
             solver.tendon_lengths(backbone)
@@ -177,13 +177,13 @@ class Config:
         return solver
 
     def has_balance_of(self, other: 'Config') -> bool:
-        """Whether its solver finds the shapes of that of ``other``, at the same stations."""
-        mine, theirs = ((one.arm, one.model, one.solver_options) for one in (self, other))
-        return mine == theirs
+        """Whether the solvers of this and the ``other`` give equal shapes at equal stations."""
+        a, b = ((config.arm, config.model, config.solver_options) for config in (self, other))
+        return a == b
 
     @property
     def solver_options(self) -> dict[str, Any]:
-        """Options of every `Solver` of this arm, besides its model and budget."""
+        """The options of every `Solver` of this arm besides model and budget."""
         return {
             'stations': self.stations,
             'base': self.base,
@@ -194,7 +194,7 @@ class Config:
 
 
 def load_config(name: str | Path) -> Config:
-    """Read a ROS parameter file, or that of a preset such as ``renda2012_table4``.
+    """Read a ROS parameter file, or the file of a preset such as ``renda2012_table4``.
 
     Raises:
         ConfigError: if there is no such preset, or the file cannot be read or does not describe
@@ -207,7 +207,7 @@ def load_config(name: str | Path) -> Config:
 
 
 def _check(given: Mapping[str, Any]) -> None:
-    """Check names of frames, of message types and fields, which come in pairs, and the rate."""
+    """Check names of frames, the pairs of a message type and its field, and the rate."""
     if not given['base_frame']:
         raise ConfigError("base_frame is '', expected the name of a frame")
     for name in ('base_frame', 'frame_prefix'):
@@ -221,5 +221,5 @@ def _check(given: Mapping[str, Any]) -> None:
                 f'{name}_type is {kind!r} and {name}_field is {field!r}, expected both or neither'
             )
     rate = given['markers_rate']
-    if rate != 0.0 and rate < MIN_RATE:  # which is too low for a timer
+    if rate != 0.0 and rate < MIN_RATE:  # lower rates are too low for a timer
         raise ArmDefinitionError('markers_rate', rate, f'0, or at least {MIN_RATE:g} [Hz]')

@@ -1,7 +1,7 @@
-"""Read and write YAML with bounds on its size and depth, and scalars as ROS reads them; CSV.
+"""YAML with bounds on size and depth, read with the scalars of ROS, and written; CSV files.
 
-As in rcl_yaml_param_parser 1e5 is a number, and 1:30, 1_000 and 2026-01-01 are texts; in YAML 1.1
-they are a text, 90, 1000 and a date.
+In rcl_yaml_param_parser, and so here, 1e5 is a number, and 1:30, 1_000 and 2026-01-01 are texts;
+in YAML 1.1 they are a text, 90, 1000 and a date.
 """
 
 import contextlib
@@ -31,7 +31,7 @@ _FLOAT = re.compile(
     r'^([-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?'
     r'|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'
 )
-# Further numbers of C, and so of ROS; they are texts here.
+# C, and so ROS, reads these as numbers; here they are texts.
 _C_NUMBER = re.compile(
     r'^[-+]?(inf(inity)?|nan(\(\w*\))?|0x[0-9a-f]*\.?[0-9a-f]*(p[-+]?[0-9]+)?)$', re.IGNORECASE
 )
@@ -42,7 +42,7 @@ class _TooLargeError(Exception):
 
 
 def read_text(path: str | Path, most: int) -> str:
-    """Text of a file of at most ``most`` bytes, in UTF-8. For use within `reading`."""
+    """Return the text of a file in UTF-8 of at most ``most`` bytes, for use within `reading`."""
     mode = os.stat(path).st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         # Reading a pipe without a writer would block.
@@ -55,29 +55,29 @@ def read_text(path: str | Path, most: int) -> str:
 
 
 def load_yaml(text: str) -> Any:
-    """Mappings by text, lists, texts, numbers, booleans and None. For use within `reading`."""
-    if len(text) > MAX_YAML_BYTES:  # of a message, which has not passed `read_text`
+    """Return the content of a YAML ``text``; mappings have texts as keys. For use in `reading`."""
+    if len(text) > MAX_YAML_BYTES:  # the text of a message has not passed `read_text`
         raise _TooLargeError(f'larger than {MAX_YAML_BYTES} bytes')
     return yaml.load(text, _Loader)
 
 
 def dump_yaml(value: Any) -> str:
-    """The text of ``value``, of mappings, lists, texts, numbers and booleans.
+    """Return a ``value`` of mappings, lists, texts, numbers and booleans as YAML.
 
-    Texts that `load_yaml`, ROS or YAML 1.1 would read as something else are quoted.
+    Texts that `load_yaml`, ROS or YAML 1.1 would read as another type are quoted.
     """
     text: str = yaml.dump(value, Dumper=_Dumper)
     return text
 
 
 def dump_numbers(values: Sequence[float]) -> str:
-    """The text of a list of ``values``, as `dump_yaml` writes each: that takes 50 us of one."""
+    """Return a list of ``values`` as YAML; `dump_yaml` would take 50 us for each number."""
     texts = (repr(value) for value in values)
     return f'[{", ".join(map(_with_point, texts))}]'
 
 
 def _with_point(text: str) -> str:
-    """The ``text`` of a float as YAML 1.1 reads it too."""
+    """Return the ``text`` of a float in a form that YAML 1.1 also reads as a number."""
     if 'n' in text:
         return text.replace('inf', '.inf').replace('nan', '.nan')
     return text if '.' in text or 'e' not in text else text.replace('e', '.0e')
@@ -85,10 +85,10 @@ def _with_point(text: str) -> str:
 
 @contextlib.contextmanager
 def reading(path: str | Path, kind: type[OctoArmError]) -> Iterator[None]:
-    """Convert every error of a file or its YAML to one of ``kind`` that names the file.
+    """Convert every error of a file or its YAML to an error of ``kind`` that names the file.
 
     Raises:
-        OctoArmError: of that kind.
+        OctoArmError: an error of ``kind``, if the file cannot be read.
     """
     try:
         yield
@@ -106,16 +106,16 @@ def reading(path: str | Path, kind: type[OctoArmError]) -> Iterator[None]:
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML with scalars as ROS reads them, texts as keys, and bounds on what is in it."""
+    """A loader of safe YAML with the scalars of ROS, texts as keys, and bounds on its content."""
 
-    yaml_implicit_resolvers: dict[Any, Any] = {}  # noqa: RUF012  as PyYAML has it
+    yaml_implicit_resolvers: dict[Any, Any] = {}  # noqa: RUF012  PyYAML declares it so
     bool_values = {**yaml.SafeLoader.bool_values, 'y': True, 'n': False}  # noqa: RUF012
 
     def __init__(self, stream: str) -> None:
         super().__init__(stream)
         self._depth = 0
         self._count = 0
-        self._sizes: dict[int, int] = {}  # by id of the nodes, which the document holds
+        self._sizes: dict[int, int] = {}  # values in each node, by its id; the document keeps it
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         before, is_alias = self._count, self.check_event(yaml.AliasEvent)
@@ -153,7 +153,7 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Safe YAML for ROS, without aliases, which rcl does not read."""
+    """A writer of safe YAML for ROS, without aliases, which rcl does not read."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -182,7 +182,7 @@ def _construct_int(loader: _Loader, node: yaml.Node) -> int:
     is_octal = len(digits) > 1 and digits.isdigit() and digits[0] == '0'
     try:
         return int(text, 8 if is_octal else 0)
-    except ValueError:  # more digits than Python reads
+    except ValueError:  # Python limits the number of digits
         raise _problem(f'{shown(text)} is no integer', node.start_mark) from None
 
 
@@ -203,32 +203,32 @@ for _name, _pattern in (('null', _NULL), ('bool', _BOOL), ('int', _INT), ('float
 _Loader.add_constructor(_TAG + 'bool', _construct_bool)
 _Loader.add_constructor(_TAG + 'int', _construct_int)
 _Loader.add_constructor(_TAG + 'float', _construct_float)
-# Tags of types that no parameter has.
+# No parameter has a value of these types.
 for _name in ('binary', 'timestamp', 'omap', 'pairs', 'set'):
     _Loader.add_constructor(_TAG + _name, yaml.SafeLoader.construct_undefined)
 
 
-# As in JSON and YAML; Python would also read 1_000 and the digits of other scripts.
+# The numbers of JSON and YAML; Python would also read 1_000 and the digits of other scripts.
 NUMBER = re.compile(r'\s*[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?\s*$')
-# Of the stations of a backbone.
+# The columns of a CSV file of a backbone, with a row for each station.
 STATION_COLUMNS = ('s [m]', 'x [m]', 'y [m]', 'z [m]', 'tau [1/m]', 'xi [1/m]', 'k [1/m]', 'q [-]')
 
 
 def station_rows(shape: Backbone) -> list[list[float]]:
-    """The `STATION_COLUMNS` of each station of a ``shape``."""
+    """Return the `STATION_COLUMNS` of each station of a ``shape``."""
     columns = shape.s, shape.position, shape.tau, shape.xi, shape.k, shape.q
     return np.column_stack(columns).tolist()
 
 
 class CsvFiles(contextlib.ExitStack):
-    """Files that are open together, until the block ends."""
+    """CSV files that stay open until the block ends."""
 
     def open(self, path: Path) -> Any:
-        """Writer of a new file; OSError if it cannot be written."""
+        """Return a writer of a new file; raise OSError if it cannot be written."""
         file = self.enter_context(path.open('w', encoding='utf-8', newline=''))
         return csv.writer(file, lineterminator='\n')
 
 
 def tension_columns(tendons: Sequence[str]) -> tuple[str, ...]:
-    """Columns of tensions over time, as a command profile has them."""
+    """Return the columns of a table of tensions over time, as in a command profile."""
     return ('time [s]', *(f'{name} [N]' for name in tendons))

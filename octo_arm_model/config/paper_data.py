@@ -1,4 +1,4 @@
-"""Arms and tensions printed in Renda et al. 2012, for figures, demonstrations and tests."""
+"""The tensions printed in Renda et al. 2012, for figures, demonstrations and tests."""
 
 Tensions = tuple[tuple[float, float, float, float], ...]
 
@@ -16,8 +16,8 @@ BENDING: dict[str, Tensions] = {
 FETCHING_IN_PLANE: Tensions = ((0.0, 0.0, 0.5, 0.0), (4.0, 0.0, 0.0, 0.0), (0.0, 0.0, 13.0, 0.0))
 FETCHING_IN_SPACE: Tensions = ((0.0, 0.0, 0.5, 0.0), (4.0, 0.0, 0.0, 0.0), (0.0, 13.0, 0.0, 0.0))
 
-# Table 1: tensions [N] of the one tendon of renda2012_prototype, and how far the tip of the real
-# arm was from that of the paper's model [% of the length], as the paper measured it.
+# Table 1: the tension of the one pulled tendon of renda2012_prototype [N], and the measured
+# distance between the tips of the real arm and of the paper's model [% of the length].
 PROTOTYPE_ERRORS: dict[float, float] = {
     0.53: 3.0,
     1.09: 5.5,

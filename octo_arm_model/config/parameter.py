@@ -1,4 +1,4 @@
-"""A parameter: its name, type, default and meaning; and groups of them as dataclasses."""
+"""A parameter with its name, type, default and meaning; tables and dataclasses of parameters."""
 
 import ast
 import dataclasses
@@ -12,7 +12,7 @@ from octo_arm_model.arm import validation
 from octo_arm_model.arm.errors import ConfigError, listed, shown
 from octo_arm_model.arm.limits import MAX_NAME, MAX_TABLE_POINTS
 
-Values = Mapping[str, Any]  # of all parameters, by their names
+Values = Mapping[str, Any]  # the values of all parameters by name
 
 _KINDS = {'double': float, 'integer': int, 'string': str, 'bool': bool}
 _UNIT = re.compile(r'\[([^]]*)\]')
@@ -26,15 +26,15 @@ class Parameter:
 
     Attributes:
         name: dotted name, as in ROS.
-        description: what it is, with its unit in brackets.
-        default: value where none is given; None means it must be given.
-        range: allowed values, in words; the core checks them.
-        is_choice: whether the range lists them all, as 'pchip or linear' or 'one of a, b, c'.
-        unless: names of parameters that replace it; if one is given it may be missing.
-        most: number of values that a list has at most, whether they are used or not.
-        what: what errors call a value.
-        kind: type of a value, or of those of a list.
-        is_array: whether it is a list.
+        description: meaning of the parameter, with its unit in brackets.
+        default: value if none is given; None if a value must be given.
+        range: allowed values in words; `check` enforces those that it can read.
+        is_choice: whether the range lists all values, as 'pchip or linear' or 'one of a, b, c'.
+        unless: names of parameters that replace this one; if one is given this one may be missing.
+        most: largest number of values in a list, whether they are used or not.
+        what: noun for a value in errors.
+        kind: Python type of a value, or of the values in a list.
+        is_array: whether the value is a list.
     """
 
     name: str
@@ -50,25 +50,25 @@ class Parameter:
 
     @property
     def type_name(self) -> str:
-        """Name of the type in ROS, e.g. ``double[]``."""
+        """The name of the type in ROS, such as ``double[]``."""
         word = next(name for name, kind in _KINDS.items() if kind is self.kind)
         return word + '[]' if self.is_array else word
 
     @property
     def default_or_none_given(self) -> Any:
-        """Value declared in ROS, where every parameter has one.
+        """The value to declare in ROS, where every parameter has a value.
 
-        The default, or zero or an empty list for a parameter without default.
+        It is the default, or zero or an empty list for a parameter without a default.
         """
         if self.default is not None:
             return self.default
         return () if self.is_array else self.kind()
 
     def convert(self, value: object) -> Any:
-        """Return ``value`` as this parameter's type; an integer is accepted for a double.
+        """Return ``value`` in the type of this parameter; an integer is accepted for a double.
 
         Raises:
-            ConfigError: if the type is another, or a list has too many values.
+            ConfigError: if the type is wrong, or a list has too many values.
         """
         if self.is_array and isinstance(value, (list, tuple)):
             if len(value) > self.most:
@@ -79,14 +79,14 @@ class Parameter:
         return self._convert_one(value, value) if not self.is_array else self._refuse(value)
 
     def check(self, value: Any) -> None:
-        """Check a converted ``value``, or each of a list.
+        """Check a converted ``value``, or each value of a list.
 
-        Numbers are finite, and in the range where that is '>= 0', '> 0' or between two numbers;
-        texts are one of those that a choice has.
+        A number must be finite, and within the range if that is '>= 0', '> 0' or an interval; the
+        text of a choice must be one that the range lists.
 
         Raises:
-            ArmDefinitionError: if a number is not.
-            ConfigError: if a text is not.
+            ArmDefinitionError: if a number is out of range.
+            ConfigError: if a text is not in the list.
         """
         if not self.is_array:
             self._check_one(self.name, value)
@@ -128,49 +128,70 @@ class Parameter:
 
 
 def read_table(text: str) -> tuple[Parameter, ...]:
-    """The parameters in a table.
+    """Return the parameters in a table of text.
 
-    Each has a line ``name | type | default | range | more``, and below it, indented, what it is.
-    More, as far as there is more, is ``choice``, ``unless`` with names, ``what`` with a word, or
-    ``most`` with a number, see `Parameter`.
+    A row is a line of cells between |, and indented lines below it with the description::
+
+        body.radius_tip | double | | > 0 | unless body.table_s body.width
+            radius at the tip [m]
+
+    The cells are name, type as in ROS, default as in Python (empty if the parameter must be
+    given), range in words (empty or left out for any value) and options: any of ``choice``,
+    ``unless`` with names, ``what`` with a word and ``most`` with a number, as in `Parameter`.
+
+    Raises:
+        ValueError: if a row is malformed; the message quotes it.
     """
-    rows = re.findall(r'^(\S.*)\n((?: .*\n)+)', text, re.MULTILINE)
-    return tuple(_read_row(head.split('|'), ' '.join(words.split())) for head, words in rows)
+    return tuple(map(_read_row, re.split(r'\n(?! )', text.removesuffix('\n'))))
 
 
-def _read_row(head: list[str], description: str) -> Parameter:
-    name, kind, default, allowed, *more = (*map(str.strip, head), *(4 - len(head)) * [''])
-    options = dict(option.partition(' ')[::2] for option in more)
-    value = ast.literal_eval(default) if default else None
-    return Parameter(
+def _read_row(row: str) -> Parameter:
+    head, *lines = row.splitlines() or ['']
+    description = ' '.join(map(str.strip, lines))
+    cells = [cell.strip() for cell in head.split('|')]
+    name, kind, default, allowed, *options = cells + (4 - len(cells)) * ['']
+    for text, pattern, expected in (
+        (head, r'\w+(\.\w+)* *\|[^|]*\|.*', 'name | type | default'),
+        (kind, rf'({"|".join(_KINDS)})(\[\])?', 'a type'),
+        *((one, r'choice|unless( [\w.]+)+|what \w+|most \d+', 'an option') for one in options),
+        (description, r'(?!.* \| ).+', 'an indented description'),
+    ):
+        if not re.fullmatch(pattern, text):
+            raise ValueError(f'row {row!r} of parameters: {text!r} is not {expected}')
+    values = dict(option.partition(' ')[::2] for option in options)
+    parameter = Parameter(
         name,
-        description + (f'; at most {options["most"]}' if 'most' in options else ''),
-        tuple(value) if isinstance(value, list) else value,
-        allowed,
-        'choice' in options,
-        tuple(options.get('unless', '').split()),
-        int(options.get('most', MAX_TABLE_POINTS)),
-        options.get('what', 'number'),
-        _KINDS[kind.removesuffix('[]')],
-        kind.endswith('[]'),
+        description + (f'; at most {values["most"]}' if 'most' in values else ''),
+        range=allowed,
+        is_choice='choice' in values,
+        unless=tuple(values.get('unless', '').split()),
+        most=int(values.get('most', MAX_TABLE_POINTS)),
+        what=values.get('what', 'number'),
+        kind=_KINDS[kind.removesuffix('[]')],
+        is_array=kind.endswith('[]'),
     )
+    try:
+        value = parameter.convert(ast.literal_eval(default)) if default else None
+    except (ValueError, SyntaxError) as error:
+        raise ValueError(f'row {row!r} of parameters: {default} is no default: {error}') from None
+    return dataclasses.replace(parameter, default=value)
 
 
 def check_length(name: str, column: Sequence[Any], count: int, what: str) -> None:
     """Check that the list ``name`` has ``count`` values.
 
     Raises:
-        ConfigError: if not; ``what`` ends the message.
+        ConfigError: if it has another number of values; ``what`` ends the message.
     """
     if len(column) != count:
         raise ConfigError(f'{name} has {len(column)} values, expected {count}{what}')
 
 
 def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) -> None:
-    """Check that all names in ``values`` are ``known`` parameters of ``owner``.
+    """Check that all names in ``values`` are ``known`` parameters of the ``owner``.
 
     Raises:
-        ConfigError: if one is not; the message suggests a similar name.
+        ConfigError: if a name is unknown; the message suggests a similar one.
     """
     for name in values:
         if name not in known:
@@ -189,11 +210,11 @@ def stated(
     what: str = 'number',
     most: int = MAX_TABLE_POINTS,
 ) -> Any:
-    """A field of a `ParameterGroup`, an array where its ``default`` is a tuple.
+    """Return a field of a `ParameterGroup`, which is an array if its ``default`` is a tuple.
 
-    The ``description`` has its unit in brackets. Values that are not ``allowed``, in words, are
-    refused by `Parameter.check`, whose error says ``what`` they are. An array has ``most`` values
-    at most.
+    The ``description`` has the unit in brackets. `Parameter.check` refuses values that are not
+    ``allowed``, a range in words, with ``what`` as the noun for a value. An array has at most
+    ``most`` values.
     """
     is_array = isinstance(default, tuple)
     kind = type((default or (0.0,))[0] if is_array else default)
@@ -204,10 +225,10 @@ def stated(
 
 @dataclass(frozen=True)
 class ParameterGroup:
-    """Base of the dataclasses of one group of parameters, each a field that is `stated`.
+    """The base class of groups of parameters: dataclasses whose fields are made by `stated`.
 
     Attributes:
-        GROUP: what their names begin with, before a dot; '' for nothing.
+        GROUP: prefix of the names of the parameters, before a dot; '' for no prefix.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
@@ -216,13 +237,13 @@ class ParameterGroup:
     GROUP: ClassVar[str]
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check all values."""
         for parameter, field in zip(self.table(), dataclasses.fields(self), strict=True):
             parameter.check(getattr(self, field.name))
 
     @classmethod
     def table(cls) -> tuple[Parameter, ...]:
-        """The parameters, in the order of the fields."""
+        """Return the parameters in the order of the fields."""
         return tuple(
             dataclasses.replace(
                 field.metadata['stated'], name='.'.join(filter(None, (cls.GROUP, field.name)))
@@ -232,7 +253,7 @@ class ParameterGroup:
 
     @classmethod
     def of(cls: type[Group], values: Mapping[str, Any]) -> Group:
-        """From ``values`` of its parameters by their names, among others.
+        """Return a group with those of ``values`` whose names are parameters of the group.
 
         Raises:
             ArmDefinitionError: if a value is outside its range.

@@ -1,4 +1,4 @@
-"""ROS parameter files, read and written, and those of the arms that come with the package."""
+"""ROS parameter files, read and written, and the files of the preset arms."""
 
 import contextlib
 import os
@@ -14,13 +14,13 @@ from octo_arm_model.config.files import dump_numbers, dump_yaml, load_yaml, read
 
 
 def find_path(name: str | Path) -> Path:
-    """Parameter file ``name``, or that of the preset where ``name`` is no path.
+    """Return the path of the parameter file ``name``, or of the preset if ``name`` is no path.
 
-    A path has a suffix or a folder, or exists.
+    A name is a path if it has a suffix or a folder, or if that file exists.
 
     Raises:
         ConfigError: if there is no such preset.
-        ArmDefinitionError: if ``name`` is neither text nor path.
+        ArmDefinitionError: if ``name`` is neither a text nor a path.
     """
     check_class('name of a file or preset', name, str, os.PathLike)
     path = Path(name)
@@ -29,10 +29,10 @@ def find_path(name: str | Path) -> Path:
 
 
 def preset_path(name: str) -> Path:
-    """Parameter file of a preset arm such as ``renda2012_table4``, in a checkout or installed.
+    """Return the path of the parameter file of a preset arm such as ``renda2012_table4``.
 
     Raises:
-        ConfigError: if there is no such preset; the message lists those there are.
+        ConfigError: if there is no such preset; the message lists all presets.
     """
     for parent in Path(__file__).resolve().parents[1:]:
         for folder in (parent / 'config', parent / 'share' / 'octo_arm_model' / 'config'):
@@ -45,44 +45,44 @@ def preset_path(name: str) -> Path:
     raise ConfigError(f'no preset arm {shown(name)}: the presets are not installed')
 
 
-# Names of nodes, with their namespaces, and the parameters of each by their dotted names.
+# For each node its name, with its namespace, and its parameters by their dotted names.
 Nodes: TypeAlias = list[tuple[str, dict[str, Any]]]
-_NAME = re.compile(r'[a-z]+[._][a-z_.]+')  # what is no value in YAML
+_NAME = re.compile(r'[a-z]+[._][a-z_.]+')  # such names need no quotes in YAML
 
 
 def is_of_every_node(name: str) -> bool:
-    """Whether ROS declares the parameter ``name`` for every node; `ros2 param dump` writes it."""
-    own = ('start_type_description_service', 'use_sim_time')
-    return name in own or name.startswith('qos_overrides.')
+    """Whether ROS declares the parameter ``name`` for every node, as `ros2 param dump` writes."""
+    declared = ('start_type_description_service', 'use_sim_time')
+    return name in declared or name.startswith('qos_overrides.')
 
 
 def parameters_of(text: str) -> dict[str, Any]:
-    """Parameters of the one node in ``text``, without those that ROS declares for every node.
+    """Return the parameters of the node in ``text``, without those that every node has in ROS.
 
-    Of several nodes those that ROS gives to one called /octo_arm.
+    If there are several nodes, they are the parameters that ROS gives to a node /octo_arm.
 
     Raises:
         ConfigError: if it is no parameter file.
     """
     nodes = nodes_of(text)
-    found = [one for name, one in nodes if len(nodes) == 1 or _is_ours(name)]
-    if not found:
+    groups = [values for name, values in nodes if len(nodes) == 1 or _is_ours(name)]
+    if not groups:
         raise ConfigError(
             f'ros__parameters found below {[name for name, _ in nodes] or "no node name"}, '
             "expected exactly one, best below '/**:', or /octo_arm among them"
         )
-    values = {name: value for one in found for name, value in one.items()}
+    values = {name: value for group in groups for name, value in group.items()}
     return {name: value for name, value in values.items() if not is_of_every_node(name)}
 
 
 def load_parameters(name: str | Path) -> dict[str, Any]:
-    """Parameters of a ROS parameter file or preset by their dotted names.
+    """Return the parameters of a ROS parameter file or preset by their dotted names.
 
-    For `Config.from_parameters`.
+    `Config.from_parameters` takes them.
 
     Raises:
         ConfigError: if there is no such preset, or the file cannot be read or is no parameter
-            file; the message names it.
+            file; the message names the file.
     """
     path = find_path(name)
     with naming(path):
@@ -90,15 +90,15 @@ def load_parameters(name: str | Path) -> dict[str, Any]:
 
 
 def text_of_nodes(nodes: Nodes) -> str:
-    """The text of a parameter file of these ``nodes``, which rcl reads as it is read here.
+    """Return the text of a parameter file of these ``nodes`` that rcl reads too.
 
-    rcl reads no aliases, no list of integers and other numbers, and nothing besides nodes.
+    rcl reads neither aliases, nor a list of integers and floats, nor anything besides nodes.
     """
-    return ''.join(dump_yaml({name: {'ros__parameters': one}}) for name, one in nodes)
+    return ''.join(dump_yaml({name: {'ros__parameters': values}}) for name, values in nodes)
 
 
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
-    """As `load_parameters`, from the text of a file, called ``name`` in errors.
+    """Return the parameters in the ``text`` of a file, which errors call ``name``.
 
     Raises:
         ConfigError: if it is no parameter file.
@@ -108,7 +108,7 @@ def parse_parameters(text: str, name: str) -> dict[str, Any]:
 
 
 def parameters_as_yaml(values: Mapping[str, Any]) -> str:
-    """The text of a ROS parameter file with these ``values`` by their dotted names."""
+    """Return the text of a ROS parameter file with these ``values`` by their dotted names."""
     lines, others = list[str](), dict[str, Any]()
     for name, value in sorted(values.items()):
         plain = list(value) if isinstance(value, tuple) else value
@@ -124,7 +124,7 @@ def parameters_as_yaml(values: Mapping[str, Any]) -> str:
 
 @contextlib.contextmanager
 def naming(path: str | Path) -> Iterator[None]:
-    """Convert every error of a parameter file to one that names the file."""
+    """Convert every error of a parameter file to a ConfigError that names the file."""
     with reading(path, ConfigError):
         try:
             yield
@@ -133,7 +133,7 @@ def naming(path: str | Path) -> Iterator[None]:
 
 
 def nodes_of(text: str) -> Nodes:
-    """The nodes in the ``text`` of a parameter file. For use within `naming`.
+    """Return the nodes in the ``text`` of a parameter file, for use within `naming`.
 
     Raises:
         ConfigError: if it is no parameter file.
@@ -165,25 +165,25 @@ def _is_ours(name: str) -> bool:
 
 
 def _flatten(parameters: Mapping[Any, Any], prefix: str = '') -> dict[str, Any]:
-    """Nested mappings to dotted names, and values to those that a parameter can have."""
+    """Return nested mappings as one with dotted names, and values of one type each."""
     flat: dict[str, Any] = {}
     for key, value in parameters.items():
         name = f'{prefix}{key}'
         if isinstance(value, dict):
-            found = _flatten(value, name + '.')
+            entries = _flatten(value, name + '.')
         else:
-            found = {name: value_of_one_type(name, value)}
-        for twice in flat.keys() & found.keys():
-            raise ConfigError(f'{twice} is given twice, nested and with a dot')
-        flat.update(found)
+            entries = {name: value_of_one_type(name, value)}
+        for duplicate in flat.keys() & entries.keys():
+            raise ConfigError(f'{duplicate} is given twice, nested and with a dot')
+        flat.update(entries)
     return flat
 
 
 def value_of_one_type(name: str, value: Any) -> Any:
-    """The ``value`` of the parameter ``name``, integers in a list with other numbers as floats.
+    """Return the ``value`` of the parameter ``name``; a list with any float has floats only.
 
     Raises:
-        ConfigError: if there is none, or a list has values of several types, or lists in it.
+        ConfigError: if there is no value, or a list has values of several types, or lists in it.
     """
     if value is None:
         raise ConfigError(f'{name} has no value')
@@ -192,7 +192,7 @@ def value_of_one_type(name: str, value: Any) -> Any:
     kinds = {*map(type, value)}
     if kinds == {int, float}:
         with contextlib.suppress(OverflowError):
-            return [float(one) for one in value]
+            return [float(number) for number in value]
     if len(kinds) > 1 or not kinds <= {bool, int, float, str}:
         raise ConfigError(f'{name} is {shown(value)}, expected a list of values of one type')
     return value

@@ -1,4 +1,4 @@
-"""The table of the parameters of an arm and its node.
+"""The table of the parameters of an arm and of its node.
 
 The YAML loader reads it, the node declares its ROS parameters from it and the manual prints it.
 """
@@ -27,7 +27,7 @@ from octo_arm_model.rod.stations import DEFAULT_STATIONS
 
 @dataclass(frozen=True)
 class DiagnosticLimits(ParameterGroup):
-    """Thresholds of the node's diagnostics."""
+    """The thresholds of the diagnostics of the node."""
 
     GROUP = 'diagnostics'
 
@@ -50,7 +50,7 @@ _LAWS = ', '.join(f'{name} ({law.meant_for})' for name, law in LAWS.items())
 _MODELS = f'{", ".join(MODELS[:-1])} or {MODELS[-1]}'
 _WATERS = ' or '.join(WATERS)
 
-# See `read_table`.
+# The grammar is that of `read_table`.
 _TABLE = f"""\
 model | string | {DEFAULT_MODEL!r} | {_MODELS}
     what turns tensions into strains: {_MODELS}

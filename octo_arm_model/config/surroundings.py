@@ -1,4 +1,4 @@
-"""Build what acts on an arm from its parameters: loads, obstacles, and what resists its motion."""
+"""Build from parameters what acts on an arm: loads, obstacles, damping and drag."""
 
 import dataclasses
 from typing import Any
@@ -14,10 +14,10 @@ _KINDS: dict[str, type[Obstacle]] = {'plane': Plane, 'sphere': Sphere, 'cylinder
 
 
 def build_loads(given: Values) -> Loads:
-    """The loads on the arm.
+    """Return the loads on the arm.
 
     Raises:
-        ConfigError: if lists do not have the lengths they need.
+        ConfigError: if a list has the wrong length.
         ArmDefinitionError: if a load is invalid.
     """
     points, along = (
@@ -37,17 +37,17 @@ def build_loads(given: Values) -> Loads:
 
 
 def build_motion(given: Values) -> MotionProperties:
-    """The properties that motion depends on; ArmDefinitionError if one is given twice."""
+    """Return damping and drag of a moving arm; ArmDefinitionError if a number is given twice."""
     names = [field.name for field in dataclasses.fields(MotionProperties)]
-    own = {name: given[f'motion.{name}'] for name in names}
+    values = {name: given[f'motion.{name}'] for name in names}
     if given['motion.water']:
         water = WATERS[given['motion.water']]._asdict()
         for name in water:
-            if own[name]:
+            if values[name]:
                 expected = '0 where motion.water is given'
-                raise ArmDefinitionError(f'motion.{name}', own[name], expected)
-        own |= water
-    return MotionProperties(**own)
+                raise ArmDefinitionError(f'motion.{name}', values[name], expected)
+        values |= water
+    return MotionProperties(**values)
 
 
 def _obstacles(given: Values) -> tuple[Obstacle, ...]:
@@ -63,7 +63,7 @@ def _obstacles(given: Values) -> tuple[Obstacle, ...]:
     stiffness = _each(given, 'stiffness')
     friction = _each(given, 'friction', 0.0)
     creep_speed = _each(given, 'creep_speed', Obstacle.creep_speed)
-    found = []
+    obstacles = []
     for number, kind in enumerate(types):
         values: dict[str, Any] = {
             'point': points[number],
@@ -76,9 +76,9 @@ def _obstacles(given: Values) -> tuple[Obstacle, ...]:
             'creep_speed': creep_speed[number],
         }
         make = _KINDS[kind]
-        own = {field.name: values[field.name] for field in dataclasses.fields(make)}
+        fields = {field.name: values[field.name] for field in dataclasses.fields(make)}
         try:
-            found.append(make(**own))
+            obstacles.append(make(**fields))
         except ArmDefinitionError as error:
             name, at = error.field.partition('.')[2], f'{number}'
             if name in ('normal', 'axis'):  # of a plane, of a cylinder
@@ -86,11 +86,11 @@ def _obstacles(given: Values) -> tuple[Obstacle, ...]:
             raise ArmDefinitionError(
                 f'obstacles.{name}[{at}]', error.value, error.expected
             ) from None
-    return tuple(found)
+    return tuple(obstacles)
 
 
 def _each(given: Values, name: str, default: float | None = None) -> tuple[float, ...]:
-    """One value of each obstacle."""
+    """Return the quantity ``name`` of each obstacle."""
     name, count = f'obstacles.{name}', len(given['obstacles.type'])
     values: tuple[float, ...] = given[name]
     if not values and default is not None:
@@ -102,6 +102,6 @@ def _each(given: Values, name: str, default: float | None = None) -> tuple[float
 
 
 def _vectors(name: str, flat: tuple[float, ...], count: int, of: str) -> tuple[Vector, ...]:
-    """The vectors that the list ``name`` has, one after the other for each of the list ``of``."""
+    """Return the vectors in the flat list ``name``, one for each value of the list ``of``."""
     check_length(name, flat, 3 * count, f', three for each of {of}')
     return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))

@@ -159,7 +159,7 @@ def _with_intervals(
     if folds and len(tried) > 1:
         pairs = zip(left_out_fits, tried, strict=True)
         words = ', '.join(f'{left.size * 1e3:.4f} mm by {fit.loss}' for left, fit in pairs)
-        notes.append(f'loss {result.loss}, by the misfit at held-back loads: {words}')
+        notes.append(f'loss {result.loss}, by the misfit at left-out loads: {words}')
     notes += _fit_notes(problem, tried[best].x, result, len(loads))
     return dataclasses.replace(result, notes=(*notes, *([reason] if reason else [])))
 
@@ -234,7 +234,7 @@ def _misfit_notes(problem: Problem, result: Identification) -> list[str]:
     if floor := result.floor:
         notes.append(
             f'model error floor: {floor * 1e3:.3f} mm ({100.0 * floor / problem.length:.2f} % of '
-            'the length) at held-back loads is neither noise nor a change of the fitted '
+            'the length) at left-out loads is neither noise nor a change of the fitted '
             'parameters; the intervals hold a bias of this size'
         )
     return notes

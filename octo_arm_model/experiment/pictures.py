@@ -330,7 +330,7 @@ def _draw_intervals(fitted: Sequence[Identification], units: Mapping[str, str]) 
     rows = [one.model + misfit for one, misfit in zip(fitted, misfits, strict=True)]
     panels[0].set_yticks(range(len(fitted)), rows)
     panels[0].invert_yaxis()
-    figure.suptitle('95 % intervals by model, with its held-back misfit')
+    figure.suptitle('95 % intervals by model, with its left-out misfit')
     return figure
 
 

@@ -19,6 +19,7 @@ from octo_arm_model import (
     load_config,
 )
 from octo_arm_model.arm.errors import ContinuationError
+from octo_arm_model.config.parameter import read_table
 from octo_arm_model.config.parameter_files import parameters_as_yaml, parse_parameters, preset_path
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.simulation.simulator import PARAMETERS as SIMULATOR_PARAMETERS
@@ -330,6 +331,28 @@ def test_texts_come_back_from_the_file_as_they_were():
     # As plain scalars C, and so ROS, reads these as numbers.
     for word in ('nan', 'inf', 'y', '08', '1e5'):
         assert f"- '{word}'\n" in text
+
+
+@pytest.mark.parametrize(
+    ('row', 'message'),
+    [
+        ('a | double | 1.0', "'' is not an indented description"),
+        ('a | double | 1.0\nlength of it', "'' is not an indented description"),
+        ('a | double | 1.0\n    length\n  b | double | 2.0', 'is not an indented description'),
+        ('a | double\n    length', "'a . double' is not name . type . default"),
+        ('', "'' is not name"),
+        ('a b | double | 1.0\n    length', "'a b . double . 1.0' is not name"),
+        ('a | number | 1.0\n    length', "'number' is not a type"),
+        ('a | double | 1,0\n    length', r'1,0 is no default: a is \(1, 0\), expected double'),
+        ('a | double | one\n    length', 'one is no default'),
+        ('a | string[] | [1]\n    length', r'\[1\] is no default: .*, expected string\[\]'),
+        ('a | double | 1.0 | > 0 | at most 3\n    length', "'at most 3' is not an option"),
+        ('a | double | 1.0 | > 0 | most many\n    length', "'most many' is not an option"),
+    ],
+)
+def test_a_malformed_row_of_the_table_of_parameters_is_refused(row, message):
+    with pytest.raises(ValueError, match=f'^row .* of parameters: .*{message}'):
+        read_table(f'first | double | 0.0\n    length\n{row}\n')
 
 
 @pytest.mark.parametrize('name', ['base_frame', 'frame_prefix', 'tendon_names', 'profile.name'])

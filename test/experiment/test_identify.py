@@ -385,7 +385,7 @@ def test_the_error_of_a_wrong_model_is_in_the_interval_and_said():
     young = fitted.estimates[YOUNG]
     assert fitted.floor > 3e-4 and right.floor < 0.1 * fitted.floor
     assert 0.0 < young.model_stddev < young.stddev
-    # The tip of held-back loads is off by about its standard deviation in three coordinates.
+    # The tip of left-out loads is off by about its standard deviation in three coordinates.
     error = fitted.cross_validation.tip_error
     assert fitted.tip_stddev * np.sqrt(3.0) == pytest.approx(error, rel=0.5)
     assert right.cross_validation.rms < 0.3 * fitted.cross_validation.rms
@@ -411,7 +411,7 @@ def test_outliers_hardly_move_the_estimate():
 
 
 @pytest.mark.parametrize('is_spoiled', [True, pytest.param(False, marks=pytest.mark.endurance)])
-def test_the_loss_is_that_of_the_lesser_misfit_at_held_back_loads(is_spoiled):
+def test_the_loss_is_that_of_the_lesser_misfit_at_left_out_loads(is_spoiled):
     # A wrong model leaves residuals that are no outliers.
     steps = measured('exact', noise=5e-4, wrong=0.05, pulls=tuple(map(one_tendon, STEPS)))
     expected = 'soft_l1' if is_spoiled else 'linear'
