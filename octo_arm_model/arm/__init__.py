@@ -1,4 +1,4 @@
-"""What is described: material, body, tendons and loads; errors, budgets and bounds of all input.
+"""The description of an arm: material, body, tendons, loads; errors, budgets, bounds of input.
 
-Imports nothing of the project.
+This folder imports no other folder of the project.
 """

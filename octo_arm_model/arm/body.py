@@ -1,4 +1,4 @@
-"""The outer shape of the arm, and cross sections: any, of measured stiffness, bent at rest."""
+"""The outer shape of the arm, its cross sections, their measured stiffness, the shape at rest."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.profile import Linear, Profile, as_profile
 from octo_arm_model.arm.validation import check_class, finite, not_negative, positive, set_fields
 
-_TERMS = np.arange(1.0, 40.0, 2.0)  # of the torsion constant of a rectangle, to rounding
+_TERMS = np.arange(1.0, 40.0, 2.0)  # of the series of the torsion constant of a rectangle
 
 
 class Geometry(NamedTuple):
-    """Cross sections at n places, each (n,).
+    """The geometry of cross sections at n arc coordinates, each (n,).
 
     Attributes:
-        area: of the material [m^2].
+        area: area of the material [m^2].
         about_n: second moment of area for bending about n [m^4].
-        about_b: likewise about b.
-        torsion: torsion constant, that of the polar moment where the section is round [m^4].
-        displaced: area within the outline [m^2], a bore included.
+        about_b: second moment of area for bending about b [m^4].
+        torsion: torsion constant [m^4]; the polar moment of a round section.
+        displaced: area within the outline, with a bore [m^2].
     """
 
     area: FloatArray
@@ -35,14 +35,14 @@ class Geometry(NamedTuple):
 
     @classmethod
     def of_tube(cls, outer: FloatArray, inner: FloatArray) -> Geometry:
-        """Of circles of radius ``outer`` [m] with bores of radius ``inner`` [m]."""
+        """Return circles of radius ``outer`` (n,) [m] with bores of radius ``inner`` (n,) [m]."""
         second = 0.25 * np.pi * (outer**4 - inner**4)
         area = np.pi * (outer**2 - inner**2)
         return cls(area, second, second, 2.0 * second, np.pi * outer**2)
 
     @classmethod
     def of_rectangle(cls, width: FloatArray, height: FloatArray) -> Geometry:
-        """Of rectangles of ``width`` along n and ``height`` along b [m].
+        """Return rectangles of ``width`` (n,) along n and ``height`` (n,) along b [m].
 
         The torsion constant is Saint-Venant's: Timoshenko and Goodier, Theory of Elasticity,
         section 109.
@@ -57,13 +57,13 @@ class Geometry(NamedTuple):
 
 @dataclass(frozen=True)
 class GivenStiffness:
-    """Stiffness of cross sections that is measured, not that of shape and material.
+    """The measured stiffness of cross sections, in place of that by shape and material.
 
-    It is that at the Young's modulus of the material: what changes E changes it in proportion.
-    Mass, buoyancy and drag stay those of the body.
+    It holds at the Young's modulus of the material, and changes in proportion if E changes. Mass,
+    buoyancy and drag stay those of the body.
 
     Attributes:
-        axial: E A [N], or its `Profile` along s; 0 for that of shape and material, as the next.
+        axial: E A [N], or its `Profile` along s; 0, here and below, for shape and material.
         bending_n: E J of bending about n [N m^2].
         bending_b: E J of bending about b [N m^2].
         torsion: G I [N m^2].
@@ -86,19 +86,19 @@ class GivenStiffness:
 
     @property
     def profiles(self) -> dict[str, Profile]:
-        """Those that are given, by the names of their fields."""
+        """The profiles of the given stiffnesses, by the names of their fields."""
         fields = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return {name: as_profile(given) for name, given in fields.items() if given != 0.0}
 
 
 @dataclass(frozen=True)
 class RestShape:
-    """How a rod is bent where nothing acts on it.
+    """The shape of a rod when nothing acts on it.
 
     Attributes:
         curvature_n: curvature about n [1/m], or its `Profile` along s; 0 for a straight rod.
-        curvature_b: about b [1/m].
-        torsion: rotation of the sections about the tangent per length [1/m].
+        curvature_b: curvature about b [1/m], or its `Profile`.
+        torsion: rotation of the sections about the tangent per length [1/m], or its `Profile`.
 
     Raises:
         ArmDefinitionError: if a number is not finite; `Arm` checks whether it fits the body.
@@ -117,7 +117,7 @@ class RestShape:
 
     @property
     def profiles(self) -> tuple[Profile, Profile, Profile]:
-        """Torsion and curvatures about n and b."""
+        """The profiles of torsion, curvature about n and curvature about b."""
         return as_profile(self.torsion), as_profile(self.curvature_n), as_profile(self.curvature_b)
 
     @property
@@ -127,19 +127,19 @@ class RestShape:
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Arc coordinates at which it is not smooth [m]."""
+        """The arc coordinates at which a profile is not smooth [m]."""
         return tuple(knot for profile in self.profiles for knot in profile.knots)
 
     def at(self, s: FloatArray) -> FloatArray:
-        """Torsion and curvatures about n and b at ``s`` (n,) [m], (3, n) [1/m]."""
+        """Return torsion and curvatures about n and b at ``s`` (n,) [m], (3, n) [1/m]."""
         return np.stack([profile.value(s) for profile in self.profiles])
 
     def check(self, length: float, s: FloatArray, radius: FloatArray) -> None:
-        """Check that sections of a ``radius`` at ``s``, both (n,) [m], can be bent so.
+        """Check that sections of a ``radius`` at ``s``, both (n,) [m], can have this shape.
 
         Raises:
-            ArmDefinitionError: if a profile ends before the ``length`` [m], or bends a section
-                more than about its own rim.
+            ArmDefinitionError: if a profile ends before the ``length`` [m], or a section has the
+                centre of its bend within it.
         """
         for name, profile in zip(('torsion', 'curvature', 'curvature'), self.profiles):
             profile.cover(f'rest_{name}', length)
@@ -157,7 +157,7 @@ class RestShape:
 
 
 class _Outline:
-    """What all bodies have: sizes of their outline along s, and what follows from them."""
+    """The base class of bodies: the sizes of the outline along s, and what follows from them."""
 
     is_round = True
     length: float
@@ -166,27 +166,27 @@ class _Outline:
 
     @property
     def profiles(self) -> dict[str, Profile]:
-        """The sizes of the outline along s [m], by the names that errors call them."""
+        """The sizes of the outline along s [m], by their names in errors."""
         raise NotImplementedError
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Arc coordinates at which the body, or its bore, is not smooth [m]."""
+        """The arc coordinates at which the body or its bore is not smooth [m]."""
         profiles = (*self.profiles.values(), as_profile(self.inner_radius))
         return tuple(knot for profile in profiles for knot in profile.knots)
 
     def half_sizes(self, s: ArrayLike) -> FloatArray:
-        """Half the size along n and along b at arc coordinate ``s`` [m], (2, *shape of s)."""
+        """Return half the sizes along n and b at arc coordinates ``s`` [m], (2, *shape of s)."""
         sizes = [profile.value(s) for profile in self.profiles.values()]
         return np.stack(2 * sizes) if self.is_round else 0.5 * np.stack(sizes)
 
     def radius(self, s: ArrayLike) -> FloatArray:
-        """Radius R(s) [m] of the circle around the body at arc coordinate ``s`` [m] (eq. 7)."""
+        """Return the radius R(s) of the circle around the body at ``s``, both [m] (eq. 7)."""
         along_n, along_b = self.half_sizes(s)
         return np.asarray(along_n if self.is_round else np.hypot(along_n, along_b))
 
     def geometry(self, s: FloatArray) -> Geometry:
-        """Areas and second moments of the cross sections at ``s`` (n,) [m]."""
+        """Return areas and second moments of the cross sections at ``s`` (n,) [m]."""
         if self.is_round:
             return Geometry.of_tube(self.radius(s), as_profile(self.inner_radius).value(s))
         return Geometry.of_rectangle(*(2.0 * self.half_sizes(s)))
@@ -204,16 +204,16 @@ class _Outline:
 
 @dataclass(frozen=True)
 class Body(_Outline):
-    """Circular body whose radius varies linearly along s (eq. 7).
+    """A round body whose radius varies linearly along s (eq. 7).
 
     Attributes:
         length: L [m], > 0.
         radius_base: R_max [m], > 0.
         radius_tip: R_min [m], > 0.
         disc_radius: radius of discs that guide tendons outside the body [m], >= 0; 0 for none.
-            Where they are `Arm.discs` says; without, tendons are led all along.
+            `Arm.discs` says where they are; without it tendons are guided all along.
         inner_radius: radius of the closed, empty bore of a tube [m], or its `Profile` along s,
-            less than that of the body; 0 for a solid one.
+            less than the radius of the body; 0 for a solid body.
 
     Raises:
         ArmDefinitionError: if a value is outside its range; the bore is checked by `Arm`.
@@ -235,19 +235,19 @@ class Body(_Outline):
 
     @property
     def profiles(self) -> dict[str, Profile]:
-        """See `_Outline`."""
+        """The radius along s [m], by its name in errors."""
         return {'body.radius': Linear(self.radius_base, self.radius_tip, self.length)}
 
 
 @dataclass(frozen=True)
 class ProfiledBody(_Outline):
-    """Circular body of any radius along s.
+    """A round body of any radius along s.
 
     Attributes:
         length: L [m], > 0.
         profile: radius along s [m], > 0 everywhere.
-        disc_radius: radius of discs around the tendons, as of a `Body` [m], >= 0.
-        inner_radius: of a bore, as of a `Body` [m].
+        disc_radius: radius of discs that guide tendons outside the body [m], >= 0; 0 for none.
+        inner_radius: radius of the bore of a tube [m], or its `Profile`; 0 for a solid body.
 
     Raises:
         ArmDefinitionError: if a value is outside its range or the profile ends before the tip;
@@ -266,19 +266,19 @@ class ProfiledBody(_Outline):
 
     @property
     def profiles(self) -> dict[str, Profile]:
-        """See `_Outline`."""
+        """The radius along s [m], by its name in errors."""
         return {'body.radius': self.profile}
 
 
 @dataclass(frozen=True)
 class RectangularBody(_Outline):
-    """Body of rectangular cross sections.
+    """A body of rectangular cross sections.
 
     Attributes:
         length: L [m], > 0.
         width: size along n [m], > 0, or its `Profile` along s.
         height: size along b [m], > 0, or its `Profile` along s.
-        disc_radius: radius of thin discs around the tendons, as of a `Body` [m], >= 0.
+        disc_radius: radius of discs that guide tendons outside the body [m], >= 0; 0 for none.
 
     Raises:
         ArmDefinitionError: if a value is outside its range; profiles are checked by `Arm`.
@@ -298,5 +298,5 @@ class RectangularBody(_Outline):
 
     @property
     def profiles(self) -> dict[str, Profile]:
-        """See `_Outline`."""
+        """The width and the height along s [m], by their names in errors."""
         return {'body.width': as_profile(self.width), 'body.height': as_profile(self.height)}

@@ -1,4 +1,4 @@
-"""Errors: one class for each kind of failure, with one base class."""
+"""The errors of the package: a class for each kind of failure, and their base class."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,25 +9,25 @@ _LONGEST = 300  # characters of a message of `in_short`
 
 
 def printable(text: str) -> str:
-    """``text`` on one line: control characters in it, which a terminal would obey, are spaces."""
-    return ''.join(one if one.isprintable() else ' ' for one in text)
+    """Return ``text`` with spaces for control characters, which a terminal would obey."""
+    return ''.join(letter if letter.isprintable() else ' ' for letter in text)
 
 
 def shown(value: object) -> str:
-    """``value`` on one line for a message, cut after `_SHOWN` characters; arrays as lists."""
+    """Return ``value`` on one line for a message: at most `_SHOWN` characters, arrays as lists."""
     text = ' '.join(repr(_plain(value)).splitlines())
     return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}...'
 
 
 def _plain(value: Any) -> Any:
-    """Arrays and numbers of NumPy, also within a list or tuple, as those of Python."""
+    """Return arrays and numbers of NumPy, also within lists and tuples, as Python's."""
     if type(value) in (list, tuple):
         return type(value)(map(_plain, value))
     return value.tolist() if hasattr(value, 'tolist') else value
 
 
 def listed(names: Sequence[str]) -> str:
-    """``names`` on one line for a message, at most `_LISTED` of them, long ones cut."""
+    """Return ``names`` on one line for a message: at most `_LISTED`, and long names cut."""
     text = printable(', '.join(name[:_SHOWN] or "''" for name in names[:_LISTED]))
     more = len(names) - _LISTED
     return f'{text} and {more} more' if more > 0 else text or 'none'
@@ -38,16 +38,16 @@ class OctoArmError(Exception):
 
 
 class ArmDefinitionError(OctoArmError, ValueError):
-    """An arm cannot exist as described, or an argument is of another class than expected.
+    """An arm cannot exist as described, or an argument is of a wrong class.
 
     Attributes:
-        field: name of the offending field, as written in the configuration.
-        value: what was given.
-        expected: what would have been valid.
+        field: name of the wrong field, as written in the configuration.
+        value: the given value.
+        expected: description of valid values.
     """
 
     def __init__(self, field: str, value: object, expected: str) -> None:
-        """Compose the message from ``field``, ``value`` and what was ``expected``."""
+        """Compose the message from ``field``, ``value`` and the ``expected`` values."""
         super().__init__(f'{field} is {shown(value)}, expected {expected}')
         self.field = field
         self.value = value
@@ -83,11 +83,11 @@ class MeasurementError(OctoArmError, ValueError):
 
 
 class ProfileError(OctoArmError, ValueError):
-    """A command profile is invalid, or not for this arm.
+    """A command profile is invalid, or is for another arm.
 
     Attributes:
         problem: description of the error.
-        row: index of the row in error, from 0; None where it is no single row.
+        row: index of the wrong row, from 0; None if the error is not in a single row.
     """
 
     def __init__(self, problem: str, row: int | None = None) -> None:
@@ -98,10 +98,10 @@ class ProfileError(OctoArmError, ValueError):
 
 
 class SolveError(OctoArmError, ArithmeticError):
-    """The model has no trustworthy solution for these tensions, so none is returned."""
+    """The model has no trustworthy solution for these tensions, so no shape is returned."""
 
     def in_set(self, number: int) -> None:
-        """Add to the message the ``number`` of the set of tensions within its batch."""
+        """Add the ``number`` of the set of tensions in its batch to the message."""
         self.args = (f'{self} in set {number}',)
 
 
@@ -123,14 +123,14 @@ class ConvergenceError(SolveError):
 
 
 class ContinuationError(ConvergenceError):
-    """Following equilibria from a known one would take more than the budget of the solve.
+    """Continuation from a known equilibrium would take more than the budget of the solve.
 
     Attributes:
         part: fraction of the path that was followed [-].
     """
 
     def __init__(self, budget: str, part: float, residual: float, iterations: int) -> None:
-        """Compose the message; ``budget`` is the one that is spent."""
+        """Compose the message; ``budget`` is the amount that is spent."""
         super().__init__('continuation', residual, iterations)
         self.args = (
             f'continuation has spent its budget of {budget} at {100.0 * part:.3g} % of the way '
@@ -141,7 +141,7 @@ class ContinuationError(ConvergenceError):
 
 
 def in_short(error: Exception) -> str:
-    """Message of ``error`` on one line, its middle left out where it is longer than `_LONGEST`."""
+    """Return the message of ``error`` on one line; beyond `_LONGEST` its middle is left out."""
     text = str(error)
     if len(text) > _LONGEST:
         half = (_LONGEST - 5) // 2

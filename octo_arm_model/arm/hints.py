@@ -1,4 +1,4 @@
-"""Types of arrays and numbers."""
+"""The types of arrays and numbers in type hints."""
 
 from typing import Any, TypeAlias
 
@@ -10,7 +10,7 @@ IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 Vector: TypeAlias = tuple[float, float, float]
-# Argument and result of a formula: a number or an array, real, or complex where the imaginary
-# part is a derivative.
+# A formula takes and returns numbers or arrays, real, or complex with derivatives as imaginary
+# parts.
 Number: TypeAlias = Any
 Numbers: TypeAlias = tuple[Any, ...]

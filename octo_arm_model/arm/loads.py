@@ -1,7 +1,7 @@
-"""Loads on the arm besides its tendons.
+"""The loads on the arm besides its tendons.
 
 Weight, the wrench on the tip, point loads and distributed loads are dead loads: fixed in
-base_frame. A `Load` of another kind states its resultants and their derivatives by the shape.
+base_frame. A `Load` of another kind returns its resultants and their derivatives by the shape.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.arm.validation import not_negative, set_fields, vector
 
 ZERO: Vector = (0.0, 0.0, 0.0)
-BASE, TIP = TIP_FRAMES = 'base', 'tip'  # whose axes a wrench on the tip has
+BASE, TIP = TIP_FRAMES = 'base', 'tip'  # frames in which a wrench on the tip may be given
 
 
 class Resultants(NamedTuple):
-    """Resultants of a load on the part of a rod between each point and the tip, in base_frame.
+    """The resultants of a load on the part of a rod from each point to the tip, in base_frame.
 
     Attributes:
-        force: (3, points) [N].
+        force: resultant force, (3, points) [N].
         moment: sum of the free moments, without the moments of the forces, (3, points) [N m].
     """
 
@@ -36,7 +36,7 @@ class Resultants(NamedTuple):
 
 
 class Tangent(NamedTuple):
-    """Derivative of `Resultants` by the rotation vector of one cross section in base_frame.
+    """The derivative of `Resultants` by the rotation vector of one cross section, in base_frame.
 
     Attributes:
         s: arc coordinate of the cross section [m].
@@ -50,17 +50,17 @@ class Tangent(NamedTuple):
 
 
 class DeformedRod(Protocol):
-    """The deformed rod as it is given to a `Load`."""
+    """The deformed rod from which a `Load` computes its resultants."""
 
     @property
     def s(self) -> FloatArray:
-        """Arc coordinates of the points [m], (points,); none coincides with a break of a load."""
+        """The arc coordinates of the points [m], (points,); no break of a load is among them."""
 
     def rotation_at(self, s: float) -> FloatArray:
-        """Orientation (3, 3) of the cross section at ``s`` [m], columns t, n and b."""
+        """Return the orientation (3, 3) of the cross section at ``s`` [m], columns t, n and b."""
 
     def integrate_from_tip(self, values: FloatArray) -> FloatArray:
-        """Integral along s of ``values`` (..., points) from each point to the tip."""
+        """Return the integral along s of ``values`` (..., points) from each point to the tip."""
 
 
 @runtime_checkable
@@ -69,23 +69,23 @@ class Load(Protocol):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Arc coordinates at which the resultants jump, or the load begins or ends [m]."""
+        """The arc coordinates at which the resultants jump, or the load begins or ends [m]."""
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Other arc coordinates at which it is not smooth [m]."""
+        """The other arc coordinates at which the load is not smooth [m]."""
 
     def resultants(self, rod: DeformedRod) -> Resultants:
-        """Resultants on every cross section of ``rod``.
+        """Return the resultants on every cross section of ``rod``.
 
-        The moments of forces follow from m' = n x u'. `LoadLimits` bound them on a straight rod.
+        The moments of forces follow from m' = n x u'. `LoadLimits` bounds them on a straight rod.
         """
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...] | None:
-        """Derivatives of the resultants by the shape: () where they are fixed in base_frame.
+        """Return the derivatives of the resultants by the shape; () if they are fixed.
 
-        None if they are not known: shapes under small loads are then found by fixed-point
-        iteration, and there are no derivatives and no stability check.
+        Return None if they are not known: shapes under small loads are then found by fixed-point
+        iteration, without derivatives and without a check of stability.
         """
 
 
@@ -117,14 +117,14 @@ class PointLoad:
 
 @dataclass
 class FollowingWrench:
-    """A force and a moment on one cross section that turn with it: a `Load`.
+    """A `Load` of a force and a moment on one cross section that rotate with it.
 
-    Both may be changed between two solves.
+    Force and moment may be changed between two solves.
 
     Attributes:
         s: arc coordinate of the cross section [m].
-        force: along its axes t, n and b [N].
-        moment: about these [N m].
+        force: force along the axes t, n and b of the cross section [N].
+        moment: moment about these axes [N m].
 
     Raises:
         ArmDefinitionError: if a value is not finite or ``s`` is negative.
@@ -141,40 +141,40 @@ class FollowingWrench:
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """See `Load`."""
+        """The arc coordinate of the cross section [m]."""
         return (self.s,)
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """See `Load`."""
+        """No arc coordinates."""
         return ()
 
     def resultants(self, rod: DeformedRod) -> Resultants:
-        """See `Load`."""
-        turn = rod.rotation_at(self.s)
+        """Return force and moment on the sections of ``rod`` up to ``s``; none act beyond it."""
+        rotation = rod.rotation_at(self.s)
         force, moment = (
-            np.where(rod.s < self.s, (turn @ own)[:, np.newaxis], 0.0)
-            for own in (self.force, self.moment)
+            np.where(rod.s < self.s, (rotation @ part)[:, np.newaxis], 0.0)
+            for part in (self.force, self.moment)
         )
         return Resultants(force, moment)
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
-        """See `Load`: turned by phi they change by phi x force and phi x moment."""
-        turn = rod.rotation_at(self.s)
+        """Return the derivatives: a rotation by phi adds phi x force and phi x moment."""
+        rotation = rod.rotation_at(self.s)
         force, moment = (
-            np.where(rod.s < self.s, np.cross(np.eye(3), turn @ own).T[..., np.newaxis], 0.0)
-            for own in (self.force, self.moment)
+            np.where(rod.s < self.s, np.cross(np.eye(3), rotation @ part).T[..., np.newaxis], 0.0)
+            for part in (self.force, self.moment)
         )
         return (Tangent(self.s, force, moment),)
 
 
 @dataclass(frozen=True)
 class DistributedLoad:
-    """A force per reference length, linear between given points and zero outside them.
+    """A force per reference length, linear between points and zero outside them.
 
     Attributes:
-        s: arc coordinates [m], at least two, increasing.
-        force: force per reference length at each, in base_frame [N/m].
+        s: arc coordinates of the points [m], at least two, increasing.
+        force: force per reference length at each point, in base_frame [N/m].
 
     Raises:
         ArmDefinitionError: if a value is outside its range, or the numbers of values differ.
@@ -202,7 +202,7 @@ class DistributedLoad:
         set_fields(self, s=s, force=force)
 
     def at(self, s: FloatArray) -> FloatArray:
-        """Force per reference length (3, n) at ``s`` (n,), between the first and last point."""
+        """Return the force per reference length (3, n) at ``s`` (n,) within the points."""
         return np.stack([np.interp(s, self.s, column) for column in zip(*self.force)])
 
 
@@ -218,9 +218,9 @@ class Loads:
         tip_moment: moment on the tip, in base_frame [N m].
         points: loads on cross sections.
         distributed: loads along the arm.
-        others: loads of other kinds, see `Load`.
-        scaled: further dead loads, whose magnitudes change from one solution to the next.
-        obstacles: what pushes the arm where it touches them.
+        others: loads of other kinds, each a `Load`.
+        scaled: more dead loads, with magnitudes that change between solves.
+        obstacles: obstacles that push the arm where it touches them.
 
     Raises:
         ArmDefinitionError: if a value is not finite or outside its range.
@@ -254,20 +254,20 @@ class Loads:
 
     @property
     def any(self) -> bool:
-        """Whether any load may differ from zero."""
+        """Whether any load may be other than zero."""
         vectors = (self.gravity, self.tip_force, self.tip_moment)
         more = self.points, self.distributed, self.others, self.scaled, self.obstacles
         return bool(np.any(vectors) or any(more))
 
     @property
     def tip_wrench(self) -> FloatArray:
-        """Force and moment on the tip in base_frame [N, N m], (6,)."""
+        """The force and the moment on the tip in base_frame [N, N m], (6,)."""
         return np.array([*self.tip_force, *self.tip_moment])
 
     def following(self, length: float) -> Loads:
-        """The same, of which the wrench on the tip at ``length`` [m] turns with it.
+        """Return these loads with a wrench on the tip, at ``length`` [m], that rotates with it.
 
-        It is given along and about its axes t, n and b.
+        Its components are then along and about the axes t, n and b of the tip.
         """
         tip = FollowingWrench(length, self.tip_force, self.tip_moment)
         others = (*self.others, tip) if self.tip_wrench.any() else self.others
@@ -275,56 +275,56 @@ class Loads:
 
     @property
     def has_friction(self) -> bool:
-        """Whether an obstacle has."""
-        return any(one.friction for one in self.obstacles)
+        """Whether an obstacle has friction."""
+        return any(obstacle.friction for obstacle in self.obstacles)
 
     def without_friction(self) -> Loads:
-        """The same, with obstacles that have none."""
-        smooth = tuple(replace(one, friction=0.0) for one in self.obstacles)
+        """Return these loads with obstacles without friction."""
+        smooth = tuple(replace(obstacle, friction=0.0) for obstacle in self.obstacles)
         return replace(self, obstacles=smooth)
 
     def moved(self, by: FloatArray) -> Loads:
-        """The same, with obstacles moved ``by`` (3,) [m]."""
-        return replace(self, obstacles=tuple(one.moved(by) for one in self.obstacles))
+        """Return these loads with obstacles displaced ``by`` a vector (3,) [m]."""
+        return replace(self, obstacles=tuple(obstacle.moved(by) for obstacle in self.obstacles))
 
     def check_inside(self, length: float) -> None:
         """Check that all loads lie on an arm of ``length`` [m].
 
         Raises:
-            ArmDefinitionError: if one is beyond its tip.
+            ArmDefinitionError: if a load is beyond the tip.
         """
         if (last := max(self.breaks, default=0.0)) > length:
             expected = f'at most the length of the arm, {length} [m]'
             raise ArmDefinitionError('loads: s', last, expected)
 
     def check_base(self, position: Vector) -> None:
-        """Check that no obstacle is around a base at a ``position`` in base_frame [m].
+        """Check that a base at a ``position`` in base_frame [m] is within no obstacle.
 
         Raises:
-            ArmDefinitionError: if one is.
+            ArmDefinitionError: if it is within an obstacle.
         """
-        for number, one in enumerate(self.obstacles):
-            distance = float(one.nearest(np.array([position]))[0][0])
+        for number, obstacle in enumerate(self.obstacles):
+            distance = float(obstacle.nearest(np.array([position]))[0][0])
             if distance < 0.0:
                 expected = f'one outside of loads.obstacles[{number}], not {-distance:.3g} m deep'
                 raise ArmDefinitionError('base.position', position, expected)
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Arc coordinates at which a load begins or ends, or is concentrated [m]."""
+        """The arc coordinates at which a load begins or ends, or is concentrated [m]."""
         points = (load.s for load in self.points)
         ends = (s for load in self.distributed for s in (load.s[0], load.s[-1]))
         return (*points, *ends, *(s for load in self._more for s in load.breaks))
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Other arc coordinates at which a load is not smooth [m]."""
+        """The other arc coordinates at which a load is not smooth [m]."""
         inner = (s for load in self.distributed for s in load.s[1:-1])
         return (*inner, *(s for load in self._more for s in load.knots))
 
     @property
     def _more(self) -> tuple[Load | Loads, ...]:
-        """Loads that state breaks and knots of their own."""
+        """The loads that have breaks and knots of their own."""
         return (*self.others, *(self.scaled.loads if self.scaled is not None else ()))
 
 
@@ -341,18 +341,18 @@ def _list_of(
 
 
 class ScaledLoads:
-    """Dead loads, each multiplied by a magnitude that the caller sets before every solve.
+    """Dead loads, each multiplied by a magnitude that is set before every solve.
 
     Attributes:
-        loads: the k loads at unit magnitude: dead loads without a wrench on the tip.
-        magnitudes: factor of each of ``loads`` [-], (k,), initially zero.
+        loads: the k loads at unit magnitude, dead loads without a wrench on the tip.
+        magnitudes: factors of the ``loads`` [-], (k,), zero at first.
     """
 
     def __init__(self, loads: Sequence[Loads]) -> None:
-        """Scale each of ``loads``.
+        """Take the ``loads``, with magnitudes of zero.
 
         Raises:
-            ArmDefinitionError: if one is not dead, or has a wrench on the tip.
+            ArmDefinitionError: if a load is not dead, or has a wrench on the tip.
         """
         self.loads = tuple(loads)
         for load in self.loads:

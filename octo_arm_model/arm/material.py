@@ -1,4 +1,4 @@
-"""The material of the arm with its elastic laws, and what resists motion in and around it."""
+"""The material of the arm, its elastic laws, its damping, and drag of the water around it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Law(NamedTuple):
     """An elastic law of a cross section.
 
     Attributes:
-        number: by which `rod.section_formulas`, which has its energy, knows it.
-        meant_for: the kind of arm it is for, in one or two words.
+        number: number of the law in `rod.section_formulas`, which has its energy.
+        meant_for: the kind of arm for which it is meant, in one or two words.
     """
 
     number: int
@@ -33,12 +33,12 @@ DEFAULT_LAW = 'neo_hookean'
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic, elastic material (eq. 3), constant over every cross section.
+    """An isotropic, elastic material (eq. 3), constant over every cross section.
 
     Attributes:
         youngs_modulus: E [Pa], > 0, or its `Profile` along s.
         poisson_ratio: nu [-], in (-1, 0.5], or its `Profile`; 0.5 is incompressible.
-        density: mass per volume [kg/m^3], >= 0; used under gravity only.
+        density: mass per volume [kg/m^3], >= 0; used under gravity and in motion.
 
     Raises:
         ArmDefinitionError: if a value is outside its range; profiles are checked by `Arm`.
@@ -64,7 +64,7 @@ class Material:
     def from_moduli(
         cls, youngs_modulus: float, shear_modulus: float, density: float = 0.0
     ) -> Material:
-        """Material of given E and G [Pa].
+        """Return a material with the moduli E and G [Pa].
 
         Raises:
             ArmDefinitionError: if no isotropic material has these moduli.
@@ -80,34 +80,34 @@ class Material:
 
     @property
     def shear_modulus(self) -> float:
-        """Shear modulus G = E / (2 (1 + nu)) [Pa] at the base."""
+        """The shear modulus G = E / (2 (1 + nu)) [Pa] at the base."""
         return float(self.shear_modulus_at(0.0))
 
     def youngs_modulus_at(self, s: ArrayLike) -> FloatArray:
-        """E at arc coordinate ``s`` [Pa]."""
+        """Return Young's modulus E [Pa] at arc coordinates ``s`` [m]."""
         return as_profile(self.youngs_modulus).value(s)
 
     def poisson_ratio_at(self, s: ArrayLike) -> FloatArray:
-        """Poisson's ratio nu at arc coordinate ``s`` [-]."""
+        """Return Poisson's ratio nu [-] at arc coordinates ``s`` [m]."""
         return as_profile(self.poisson_ratio).value(s)
 
     def shear_modulus_at(self, s: ArrayLike) -> FloatArray:
-        """G = E / (2 (1 + nu)) at arc coordinate ``s`` [Pa]."""
+        """Return the shear modulus G = E / (2 (1 + nu)) [Pa] at arc coordinates ``s`` [m]."""
         return self.youngs_modulus_at(s) / (2.0 * (1.0 + self.poisson_ratio_at(s)))
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Arc coordinates at which E or nu is not smooth [m]."""
+        """The arc coordinates at which E or nu is not smooth [m]."""
         return as_profile(self.youngs_modulus).knots + as_profile(self.poisson_ratio).knots
 
 
 class WaterCoefficients(NamedTuple):
-    """Coefficients of a slender body in water [-].
+    """The coefficients of drag and added mass of a slender body in water [-].
 
     Attributes:
-        normal_drag: C_n, of a flow across: drag per length rho R C_n v |v|.
-        tangential_drag: C_t, of one along: rho R pi C_t v |v| / 2.
-        added_mass: C_a, mass of water that is accelerated across, over that displaced.
+        normal_drag: C_n of a flow across the body: drag per length rho R C_n v |v|.
+        tangential_drag: C_t of a flow along the body: drag per length rho R pi C_t v |v| / 2.
+        added_mass: C_a, mass of water accelerated across the body over the displaced mass.
     """
 
     normal_drag: float
@@ -124,21 +124,21 @@ WATERS = {
 
 @dataclass(frozen=True)
 class MotionProperties:
-    """Damping of an arm that moves, besides what the statics know of it.
+    """The damping, drag and added mass of an arm that moves.
 
     The density of the water is `Loads.fluid_density`.
 
     Attributes:
-        viscosity: eta [Pa s], >= 0: stress per rate of shear strain, three times that of stretch.
-        damping_time: tau [s], >= 0, by which all stiffness of the sections is multiplied instead;
-            the same as ``viscosity`` for nu = 1/2 and tau = 3 eta / E.
-        normal_drag: see `WaterCoefficients`, as the next two, >= 0.
-        tangential_drag: likewise.
-        added_mass: likewise.
+        viscosity: eta [Pa s], >= 0: stress per rate of shear strain; stretch has three times eta.
+        damping_time: tau [s], >= 0: damping of the sections over their stiffness, in place of
+            ``viscosity``; both are equal for nu = 1/2 and tau = 3 eta / E.
+        normal_drag: C_n of `WaterCoefficients` [-], >= 0.
+        tangential_drag: C_t of `WaterCoefficients` [-], >= 0.
+        added_mass: C_a of `WaterCoefficients` [-], >= 0.
         current: velocity of the water in base_frame [m/s].
 
     Raises:
-        ArmDefinitionError: if a value is outside its range, or both viscosity and damping_time
+        ArmDefinitionError: if a value is outside its range, or if both viscosity and damping_time
             are given.
     """
 

@@ -1,4 +1,4 @@
-"""What an arm may touch: planes, spheres and cylinders, fixed in base_frame."""
+"""Obstacles that an arm may touch: planes, spheres and cylinders, fixed in base_frame."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from octo_arm_model.arm.limits import MAX_FRICTION
 from octo_arm_model.arm.validation import not_negative, positive, set_fields, vector
 
 _Any = TypeVar('_Any', bound='Obstacle')
-_LEAST = 1e-12  # distance from a centre or an axis [m] within which there is no direction from it
+_LEAST = 1e-12  # least distance from a centre or an axis at which there is a direction from it [m]
 
 
 class Nearest(NamedTuple):
-    """Where the surface of an obstacle is, seen from n places.
+    """The nearest points of the surface of an obstacle to n places.
 
     Attributes:
-        distance: to the surface [m], negative inside, (n,).
-        normal: of the surface, outwards, (n, 3).
-        normal_by_place: its derivative by the place [1/m], (n, 3, 3).
+        distance: distance to the surface [m], negative inside, (n,).
+        normal: outward normal of the surface, (n, 3).
+        normal_by_place: derivative of the normal by the place [1/m], (n, 3, 3).
     """
 
     distance: FloatArray
@@ -33,19 +33,19 @@ class Nearest(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Obstacle(abc.ABC):
-    """A body at rest whose surface pushes away what enters it.
+    """A body at rest that pushes away an arm that enters it.
 
     Attributes:
         stiffness: pressure per depth [N/m^3], > 0.
-        friction: Coulomb's coefficient mu of the arm on it [-], >= 0; for motion.
-        creep_speed: at which friction has 0.71 of its full size [m/s], > 0: slower sliding meets
-            less of it.
+        friction: Coulomb's coefficient mu between arm and obstacle [-], >= 0; for motion.
+        creep_speed: sliding speed at which friction has 0.71 of its full size [m/s], > 0; at lower
+            speeds friction is less.
     """
 
     stiffness: float
     friction: float = 0.0
     creep_speed: float = 1e-3
-    _place: ClassVar[str] = 'point'  # the field that says where it is
+    _place: ClassVar[str] = 'point'  # name of the field with the position
 
     def _check(self, kind: str) -> None:
         name = f'{kind}.friction'
@@ -58,17 +58,17 @@ class Obstacle(abc.ABC):
 
     @abc.abstractmethod
     def nearest(self, place: FloatArray) -> Nearest:
-        """The surface from each ``place`` (n, 3) [m]."""
+        """Return the nearest points of the surface to each ``place`` (n, 3) [m]."""
 
     @abc.abstractmethod
     def has_between(self, before: FloatArray, after: FloatArray, radius: FloatArray) -> BoolArray:
-        """Whether it lies across straight ways from places ``before`` to ``after``, (n,).
+        """Whether bodies that move straight from ``before`` to ``after`` pass through it, (n,).
 
-        For bodies of a ``radius`` (n,) [m]: where they would go through it, not along it.
+        The bodies have a ``radius`` (n,) [m]; they do not count if they pass along the surface.
         """
 
     def moved(self: _Any, by: FloatArray) -> _Any:
-        """The same, moved ``by`` (3,) [m]."""
+        """Return this obstacle displaced ``by`` a vector (3,) [m]."""
         place = np.array(getattr(self, self._place)) + by
         moved: dict[str, Any] = {self._place: tuple(place.tolist())}
         return replace(self, **moved)
@@ -79,8 +79,8 @@ class Plane(Obstacle):
     """A half space.
 
     Attributes:
-        point: on its surface, in base_frame [m].
-        normal: out of it, of any length.
+        point: a point of the surface in base_frame [m].
+        normal: outward normal, of any length.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
@@ -98,45 +98,45 @@ class Plane(Obstacle):
         )
 
     def nearest(self, place: FloatArray) -> Nearest:
-        """See `Obstacle`."""
+        """Return distance and normal of the plane at each ``place`` (n, 3) [m]."""
         normal = np.array(self.normal)
         distance = (place - self.point) @ normal
         return Nearest(distance, np.tile(normal, (len(place), 1)), np.zeros((len(place), 3, 3)))
 
     def has_between(self, before: FloatArray, after: FloatArray, radius: FloatArray) -> BoolArray:
-        """See `Obstacle`: it has no other side."""
+        """No body passes through a half space, which has no other side."""
         return np.zeros(len(before), np.bool_)
 
 
 class _Round(Obstacle):
-    """What has one radius about a centre or an axis."""
+    """The base class of obstacles with a radius about a centre or an axis."""
 
     radius: float
 
     @property
     def _across(self) -> FloatArray:
-        """The part of a vector that leads away from centre or axis, (3, 3)."""
+        """The projection (3, 3) of a vector to its part away from the centre or axis."""
         raise NotImplementedError
 
     def _offset(self, place: FloatArray) -> FloatArray:
         return np.asarray((place - getattr(self, self._place)) @ self._across)
 
     def nearest(self, place: FloatArray) -> Nearest:
-        """See `Obstacle`."""
+        """Return distance and normal of the surface at each ``place`` (n, 3) [m]."""
         offset = self._offset(place)
-        size = np.maximum(np.sqrt((offset * offset).sum(axis=1)), _LEAST)
-        normal = offset / size[:, np.newaxis]
+        distance = np.maximum(np.sqrt((offset * offset).sum(axis=1)), _LEAST)
+        normal = offset / distance[:, np.newaxis]
         turn = self._across - normal[:, :, np.newaxis] * normal[:, np.newaxis]
-        return Nearest(size - self.radius, normal, turn / size[:, np.newaxis, np.newaxis])
+        return Nearest(distance - self.radius, normal, turn / distance[:, np.newaxis, np.newaxis])
 
     def has_between(self, before: FloatArray, after: FloatArray, radius: FloatArray) -> BoolArray:
-        """See `Obstacle`: whether they pass centre or axis within half of both radii."""
+        """Whether bodies pass the centre or axis within half the sum of both radii, (n,)."""
         start = self._offset(before)
         motion = self._offset(after) - start
         squared = np.maximum((motion * motion).sum(axis=1), _LEAST**2)
-        part = np.clip(-(start * motion).sum(axis=1) / squared, 0.0, 1.0)
-        least = start + part[:, np.newaxis] * motion
-        return np.asarray((least * least).sum(axis=1) < (0.5 * (self.radius + radius)) ** 2)
+        fraction = np.clip(-(start * motion).sum(axis=1) / squared, 0.0, 1.0)
+        nearest = start + fraction[:, np.newaxis] * motion
+        return np.asarray((nearest * nearest).sum(axis=1) < (0.5 * (self.radius + radius)) ** 2)
 
 
 @dataclass(frozen=True)
@@ -144,8 +144,8 @@ class Sphere(_Round):
     """A ball.
 
     Attributes:
-        centre: in base_frame [m].
-        radius: [m], > 0.
+        centre: centre in base_frame [m].
+        radius: radius [m], > 0.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
@@ -173,9 +173,9 @@ class Cylinder(_Round):
     """A round post without ends.
 
     Attributes:
-        point: on its axis, in base_frame [m].
-        axis: its direction, of any length.
-        radius: [m], > 0.
+        point: a point of the axis in base_frame [m].
+        axis: direction of the axis, of any length.
+        radius: radius [m], > 0.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
@@ -200,9 +200,9 @@ class Cylinder(_Round):
 
 
 def _direction(name: str, value: object) -> Vector:
-    given = np.array(vector(name, value, '-'))
-    size = float(np.linalg.norm(given))
-    if not (size > 0.0 and np.isfinite(size)):
+    direction = np.array(vector(name, value, '-'))
+    length = float(np.linalg.norm(direction))
+    if not (length > 0.0 and np.isfinite(length)):
         raise ArmDefinitionError(name, value, 'a direction, not zero')
-    x, y, z = (given / size).tolist()
+    x, y, z = (direction / length).tolist()
     return x, y, z

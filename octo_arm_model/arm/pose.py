@@ -1,4 +1,4 @@
-"""Where a base or a sensor is: position and orientation, checked."""
+"""The pose of a base or a sensor: position and orientation, checked."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.validation import real_numbers, set_fields
 
-FARTHEST = 1e9  # [m] of a base from its frame: positions are then rounded to 1e-7 m
+FARTHEST = 1e9  # largest coordinate of a base [m]: positions are then rounded to 1e-7 m
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Position [m] and orientation in the base frame, a quaternion x, y, z, w made unit.
+    """A position [m] and an orientation in base_frame, a quaternion x, y, z, w of length 1.
 
-    Errors call them by ``names``.
+    The quaternion is normalised. Errors name position and quaternion by ``names``.
 
     Raises:
         ConfigError: if a component is not finite or beyond `FARTHEST`, or the quaternion's length

@@ -16,43 +16,43 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_TABLE_POINTS
 from octo_arm_model.arm.validation import finite, positive, real_numbers, set_fields
 
-# Five points of a difference formula, and their spacing over the length of the profile: its
-# truncation error, of fourth order, and rounding are both about 1e-12.
+# The five points of a difference formula, and their spacing over the length of the profile, at
+# which the truncation error, of fourth order, and rounding are both about 1e-12.
 _POINTS = np.arange(-2.0, 3.0)
 _SPACING = 1e-3
-# From values at the five points to the coefficients of the quartic through them.
+# Maps values at the five points to the coefficients of the quartic through them.
 _TO_QUARTIC = np.linalg.inv(np.vander(_POINTS, increasing=True))
 
 
-PCHIP, LINEAR = BETWEEN = 'pchip', 'linear'  # what tables do between their points
+PCHIP, LINEAR = BETWEEN = 'pchip', 'linear'  # interpolations of tables
 
 
 class Profile(ABC):
-    """A smooth function of the arc coordinate s [m], of finite numbers."""
+    """A smooth function of the arc coordinate s [m] with finite values."""
 
     @abstractmethod
     def value(self, s: ArrayLike) -> FloatArray:
-        """Value at ``s``, of the shape of ``s``."""
+        """Return the values at ``s`` [m], of the shape of ``s``."""
 
     @abstractmethod
     def slope(self, s: ArrayLike) -> FloatArray:
-        """Derivative with respect to s at ``s`` [per metre], of the shape of ``s``."""
+        """Return the derivatives by s at ``s`` [per metre], of the shape of ``s``."""
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Arc coordinates at which the profile is not smooth [m]; intervals end there."""
+        """The arc coordinates at which the profile is not smooth [m]; intervals end there."""
         return ()
 
     @property
     def reach(self) -> float:
-        """Largest arc coordinate at which it has a value [m]."""
+        """The largest arc coordinate at which the profile has a value [m]."""
         return math.inf
 
     def cover(self, name: str, stop: float) -> None:
         """Check that the profile has a value from the base to s = ``stop`` [m].
 
         Raises:
-            ArmDefinitionError: if it ends before; the message quotes its ``name``.
+            ArmDefinitionError: if it ends before ``stop``; the message has its ``name``.
         """
         if self.reach < stop:
             expected = f'at least {stop} [m], as far as it is needed'
@@ -61,7 +61,7 @@ class Profile(ABC):
 
 @dataclass(frozen=True)
 class Linear(Profile):
-    """Linear in s, from one value at the base to another at s = ``length``.
+    """A profile that is linear in s from the base to s = ``length``.
 
     Attributes:
         start: value at s = 0.
@@ -74,25 +74,25 @@ class Linear(Profile):
     length: float
 
     def __post_init__(self) -> None:
-        numbers = {name: finite(f'linear.{name}', one) for name, one in vars(self).items()}
+        numbers = {name: finite(f'linear.{name}', value) for name, value in vars(self).items()}
         set_fields(self, **numbers)
 
     def value(self, s: ArrayLike) -> FloatArray:
-        """Value at ``s``."""
-        # Interpolated from the nearer end: exact at both ends, and between two values >= 0 never
-        # negative by rounding.
-        part = np.asarray(s, dtype=np.float64) / self.length
+        """Return the values at ``s`` [m]."""
+        # Interpolation from the nearer end is exact at both ends, and rounding makes no value
+        # between two values >= 0 negative.
+        x = np.asarray(s, dtype=np.float64) / self.length
         change = self.stop - self.start
-        return np.where(part <= 0.5, self.start + change * part, self.stop - change * (1.0 - part))
+        return np.where(x <= 0.5, self.start + change * x, self.stop - change * (1.0 - x))
 
     def slope(self, s: ArrayLike) -> FloatArray:
-        """Derivative at ``s``."""
+        """Return the derivatives at ``s`` [per metre]."""
         return np.full(np.shape(s), (self.stop - self.start) / self.length)
 
 
 @dataclass(frozen=True)
 class Constant(Profile):
-    """Constant in s.
+    """A profile that is constant in s.
 
     Attributes:
         level: the value.
@@ -104,26 +104,26 @@ class Constant(Profile):
         set_fields(self, level=finite('constant', self.level))
 
     def value(self, s: ArrayLike) -> FloatArray:
-        """Value at ``s``."""
+        """Return the values at ``s`` [m]."""
         return np.full(np.shape(s), self.level)
 
     def slope(self, s: ArrayLike) -> FloatArray:
-        """Zero."""
+        """Return zeros."""
         return np.zeros(np.shape(s))
 
 
 @dataclass(frozen=True)
 class Table(Profile):
-    """Interpolation of given points: monotone and cubic, or linear with kinks at the points.
+    """A profile through points: a monotone cubic, or linear with kinks at the points.
 
-    The first is PCHIP (Fritsch and Butland 1984); both are linear for two points.
+    The cubic is PCHIP (Fritsch and Butland 1984); both are linear for two points.
 
     Attributes:
         s: arc coordinates [m], at least two and at most `MAX_TABLE_POINTS`, the first 0,
             increasing.
-        values: the value at each.
-        name: its name in errors.
-        between: 'pchip' or 'linear'.
+        values: value at each point.
+        name: name of the table in errors.
+        between: interpolation, 'pchip' or 'linear'.
 
     Raises:
         ArmDefinitionError: if the points are not as described.
@@ -161,33 +161,33 @@ class Table(Profile):
         return make_interp_spline(self.s, self.values, k=1)
 
     def value(self, s: ArrayLike) -> FloatArray:
-        """Value at ``s``."""
-        # Values exceed those of the points by rounding only.
+        """Return the values at ``s`` [m]."""
+        # Without rounding no value would exceed those of the points.
         return np.clip(self._interpolant(s), min(self.values), max(self.values))
 
     def slope(self, s: ArrayLike) -> FloatArray:
-        """Derivative at ``s``."""
+        """Return the derivatives at ``s`` [per metre]."""
         return np.asarray(self._interpolant(s, nu=1), dtype=np.float64)
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """The given s between the first and the last [m]."""
+        """The points between the first and the last [m]."""
         return self.s[1:-1]
 
     @property
     def reach(self) -> float:
-        """The last given s [m]."""
+        """The last point [m]."""
         return self.s[-1]
 
 
 @dataclass(frozen=True)
 class Function(Profile):
-    """A Python function of an array of s [m].
+    """A profile that is a Python function of an array of s [m].
 
     Attributes:
-        of_s: from an array of arc coordinates within [0, ``length``] [m] to the values there.
-        length: largest arc coordinate at which it can be called [m].
-        slope_of_s: from the same arguments to its derivative; None for finite differences.
+        of_s: function of an array of arc coordinates in [0, ``length``] [m] that returns values.
+        length: largest arc coordinate at which the functions can be called [m].
+        slope_of_s: function that returns the derivatives; None for finite differences.
 
     Raises:
         ArmDefinitionError: if the length is not positive.
@@ -201,16 +201,16 @@ class Function(Profile):
         set_fields(self, length=positive('function.length', self.length, 'm'))
 
     def value(self, s: ArrayLike) -> FloatArray:
-        """Value at ``s``."""
+        """Return the values at ``s`` [m]."""
         s = np.asarray(s, dtype=np.float64)
         return np.broadcast_to(np.asarray(self.of_s(s), dtype=np.float64), s.shape)
 
     def slope(self, s: ArrayLike) -> FloatArray:
-        """Derivative at ``s``."""
+        """Return the derivatives at ``s`` [per metre]."""
         s = np.asarray(s, dtype=np.float64)
         if self.slope_of_s is not None:
             return np.broadcast_to(np.asarray(self.slope_of_s(s), dtype=np.float64), s.shape)
-        # Derivative of the quartic through five points, one-sided near the ends.
+        # The derivative of the quartic through five points, one-sided near the ends.
         h = _SPACING * self.length
         centre = np.clip(s, 2.0 * h, self.length - 2.0 * h)
         values = np.stack([self.value(centre + j * h) for j in _POINTS])
@@ -219,10 +219,10 @@ class Function(Profile):
 
     @property
     def reach(self) -> float:
-        """``length`` [m]."""
+        """The largest arc coordinate at which the functions can be called [m]."""
         return self.length
 
 
 def as_profile(value: float | Profile) -> Profile:
-    """Return ``value`` as a profile, a number as a `Constant`."""
+    """Return ``value`` as a profile: a number becomes a `Constant`."""
     return value if isinstance(value, Profile) else Constant(value)

@@ -1,4 +1,4 @@
-"""Stiffness of cross sections and sheaths, and the tensions and forces that bend an arm by it."""
+"""The stiffness of cross sections and sheaths, and tensions and forces that bend an arm."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import positive
 
-_STATIONS = 101  # of the integrals
-_WIDEST = 0.5  # of the radius of the body: largest sheath for which the formula holds
+_STATIONS = 101  # number of points of the integrals
+_WIDEST = 0.5  # largest radius of a sheath for which the formula holds, over that of the body
 
 
 class SectionStiffness(NamedTuple):
-    """Stiffness of the cross section at each node, each (nodes,).
+    """The stiffness of the cross section at each node, each (nodes,).
 
     Attributes:
         axial: E A [N].
@@ -36,11 +36,11 @@ class SectionStiffness(NamedTuple):
 
     @classmethod
     def at(cls, arm: Arm, nodes: FloatArray) -> SectionStiffness:
-        """Stiffness of ``arm`` at arc coordinates ``nodes`` (n,) [m]."""
+        """Return the stiffness of ``arm`` at arc coordinates ``nodes`` (n,) [m]."""
         body = arm.body.geometry(nodes)
         young = arm.material.youngs_modulus_at(nodes)
         shear = arm.material.shear_modulus_at(nodes)
-        found = cls(
+        computed = cls(
             young * body.area,
             shear * body.torsion,
             young * body.about_n,
@@ -48,35 +48,35 @@ class SectionStiffness(NamedTuple):
             shear * body.area,
         )
         given = arm.stiffness.profiles.items()
-        return found._replace(**{name: profile.value(nodes) for name, profile in given})
+        return computed._replace(**{name: profile.value(nodes) for name, profile in given})
 
     @property
     def bending(self) -> FloatArray:
-        """The smaller one of both [N m^2]."""
+        """The smaller of both bending stiffnesses [N m^2], (nodes,)."""
         return np.minimum(self.bending_n, self.bending_b)
 
 
 def default_highest(arm: Arm, part: float = 0.3) -> FloatArray:
-    """Default upper bounds of tensions [N], of `Arm.tension_shape`.
+    """Return default upper bounds of tensions [N], of `Arm.tension_shape`.
 
-    For each tendon the smallest of tensions, to first order: the one that compresses the cross
-    section at its anchorage by ``part`` [-], the one that alone bends the arm by 4 pi, and
-    ``part`` of the one that alone folds it between discs.
+    For each tendon it is the smallest of three tensions, to first order: the one that compresses
+    the cross section at the anchorage by ``part`` [-], the one that alone bends the arm by 4 pi,
+    and ``part`` of the one that alone folds the arm between discs.
     """
     highest = np.empty(len(arm.tendons))
-    apart = np.diff([0.0, *arm.discs.faces]).max(initial=0.0)
+    gap = np.diff([0.0, *arm.discs.faces]).max(initial=0.0)
     for j, (tendon, section) in enumerate(zip(arm.tendons, arm.tendon_section, strict=True)):
         s = np.linspace(0.0, arm.sections[section - 1].anchorage, _STATIONS)
         stiffness = SectionStiffness.at(arm, s)
-        turn = float(trapezoid(np.hypot(*(tendon.path(s)[1::-1] / stiffness[2:4])), s))
-        bending = 4.0 * np.pi / turn if turn > 0.0 else np.inf
-        folding = 12.0 * float(stiffness.bending.min()) / apart**2 if apart else np.inf
+        angle = float(trapezoid(np.hypot(*(tendon.path(s)[1::-1] / stiffness[2:4])), s))
+        bending = 4.0 * np.pi / angle if angle > 0.0 else np.inf
+        folding = 12.0 * float(stiffness.bending.min()) / gap**2 if gap else np.inf
         highest[j] = min(part * float(stiffness.axial[-1]), bending, part * folding)
     return highest.reshape(arm.tension_shape)
 
 
 def bending_force(arm: Arm, part: float) -> float:
-    """Transverse force that deflects the tip by ``part`` of the length, to first order [N]."""
+    """Return the transverse force [N] that moves the tip by ``part`` of the length, linearly."""
     s = np.linspace(0.0, arm.length, _STATIONS)
     bending = SectionStiffness.at(arm, s).bending
     return part * arm.length / float(trapezoid((arm.length - s) ** 2 / bending, s))
@@ -85,18 +85,18 @@ def bending_force(arm: Arm, part: float) -> float:
 def estimate_sheath_stiffness(
     thread_radius: float, body_radius: float, shear_modulus: float
 ) -> float:
-    """Stiffness k [Pa] of rubber of ``shear_modulus`` [Pa] around a tendon or its sheath.
+    """Return the stiffness k [Pa] of rubber of ``shear_modulus`` [Pa] around a tendon or sheath.
 
-    Plane strain of an incompressible disc of ``body_radius`` R [m] under a force per length that
-    is uniform on a ring of ``thread_radius`` r [m] about the centre and balanced by a uniform body
-    force, the shear of the beam. Per unit of force, Kelvin's solution displaces the ring by (1/2 -
-    ln r) / (4 pi G) and the section on average by (1 - ln R) / (4 pi G), and with the body force
-    leaves the rim free of traction:
+    An incompressible disc of ``body_radius`` R [m] is in plane strain under a force per length
+    that is uniform on a ring of ``thread_radius`` r [m] about the centre and balanced by a uniform
+    body force, the shear of the beam. Per unit of force, Kelvin's solution displaces the ring by
+    (1/2 - ln r) / (4 pi G) and the section on average by (1 - ln R) / (4 pi G), and with the body
+    force leaves the rim free of traction:
 
         k = 4 pi G / (ln(R / r) - 1/2) .
 
     Kelvin's solution in the plane: e.g. Timoshenko and Goodier, Theory of Elasticity, section 42
-    (force at a point of a plate), for plane strain and nu = 1/2. Tapered arms take the
+    (force at a point of a plate), for plane strain and nu = 1/2. For tapered arms take the
     mean radius; off the centre the rubber is a little softer.
 
     Raises:

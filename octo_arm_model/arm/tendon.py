@@ -1,4 +1,4 @@
-"""Tendons, the anchorages at which they end, and discs between which they are straight."""
+"""The tendons, the anchorages at which they end, and discs between which they are straight."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _OF_QUARTERS = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])  # cosin
 
 @dataclass(frozen=True)
 class Tendon:
-    """Path of a tendon in the cross sections it passes, in polar coordinates.
+    """The path of a tendon through the cross sections, in polar coordinates.
 
     Attributes:
-        offset: distance from the midline along s [m], >= 0.
-        angle: direction from the midline along s [rad], from n towards b.
+        offset: distance from the midline [m], >= 0, along s.
+        angle: direction from the midline [rad], from n towards b, along s.
     """
 
     offset: Profile
@@ -45,16 +45,16 @@ class Tendon:
             check_class(f'tendon.{name}', given, Profile)
 
     def path(self, s: FloatArray) -> FloatArray:
-        """Offsets along n and b at ``s`` (n,) [m] and their derivatives by s [-], (4, n)."""
+        """Return offsets along n and b at ``s`` (n,) [m], and derivatives by s [-], (4, n)."""
         outward, offset = self.outward(s), self.offset.value(s)
         path = offset * outward
         path[2:] += self.offset.slope(s) * outward[:2]
         return path
 
     def outward(self, s: FloatArray) -> FloatArray:
-        """Direction from the midline along n and b, and its derivatives by s [1/m], (4, n)."""
+        """Return directions along n and b at ``s`` (n,), and derivatives by s [1/m], (4, n)."""
         angle = self.angle.value(s)
-        # Exactly 0 and +-1 at multiples of pi / 2, the angles of the paper's tendons.
+        # Exactly 0 and +-1 at multiples of pi / 2, which are the angles of the paper's tendons.
         quarter = np.round(angle / QUARTERS[1])
         is_quarter = (angle == quarter * QUARTERS[1]) & (np.abs(quarter) <= _MOST_QUARTERS)
         exact = _OF_QUARTERS[:, np.where(is_quarter, quarter, 0.0).astype(int) % 4]
@@ -64,7 +64,7 @@ class Tendon:
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Arc coordinates at which the path is not smooth [m]."""
+        """The arc coordinates at which the path is not smooth [m]."""
         return self.offset.knots + self.angle.knots
 
 
@@ -72,7 +72,7 @@ def check_angle(name: str, angle: object) -> float:
     """Return the ``angle`` of a direction as a float.
 
     Raises:
-        ArmDefinitionError: if it is no finite number, or beyond 2 pi, as degrees are.
+        ArmDefinitionError: if it is no finite number, or beyond 2 pi, as degrees would be.
     """
     expected = 'a finite angle within 2 pi of zero, in radians, not in degrees'
     radians = finite(name, angle, expected)
@@ -83,17 +83,17 @@ def check_angle(name: str, angle: object) -> float:
 
 @dataclass(frozen=True)
 class Section:
-    """One anchorage cross section and the tendons fastened at it (eq. 5).
+    """An anchorage cross section and the tendons that end at it (eq. 5).
 
-    The paper's four tendons are straight, along n, b, -n and -b. Others are given by their angles
-    and may wind about the midline as helices.
+    The four tendons of the paper are straight, along n, b, -n and -b. Other tendons are given by
+    their angles and may wind about the midline as helices.
 
     Attributes:
         anchorage: arc coordinate l_i of the anchorage [m], > 0.
         offset_base: distance a_i of the tendons from the midline at the base [m], >= 0.
         offset_anchorage: distance b_i at the anchorage [m], >= 0.
         angles: direction of each tendon at the base [rad], from n towards b, within 2 pi of zero.
-        twist: angle by which each has wound about the midline at the anchorage [rad].
+        twist: angle by which each tendon winds about the midline up to the anchorage [rad].
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
@@ -119,7 +119,7 @@ class Section:
         angles = tuple(check_angle('section.angles', angle) for angle in self.angles)
         if not angles:
             raise ArmDefinitionError('section.angles', angles, 'at least one tendon')
-        twist = tuple(finite('section.twist', one, 'a finite angle [rad]') for one in self.twist)
+        twist = tuple(finite('section.twist', t, 'a finite angle [rad]') for t in self.twist)
         if twist and len(twist) != len(angles):
             raise ArmDefinitionError(
                 'section.twist', twist, f'{len(angles)} angles, one for each tendon, or none'
@@ -127,7 +127,7 @@ class Section:
         set_fields(self, angles=angles, twist=twist if any(twist) else ())
 
     def offset(self, s: ArrayLike) -> FloatArray:
-        """Distance y_i(s) of the tendons from the midline [m] (eq. 5)."""
+        """Return the distance y_i(s) of the tendons from the midline [m] at ``s`` [m] (eq. 5)."""
         return self._offset.value(s)
 
     @property
@@ -136,7 +136,7 @@ class Section:
 
     @property
     def is_papers(self) -> bool:
-        """Whether this is a section of the paper: four straight tendons along n, b, -n, -b."""
+        """Whether this is a section of the paper, with straight tendons along n, b, -n and -b."""
         return self.angles == QUARTERS and not self.twist
 
     @property
@@ -150,7 +150,7 @@ class Section:
 
 @dataclass(frozen=True)
 class RoutedSection:
-    """One anchorage cross section and tendons of any path fastened at it.
+    """An anchorage cross section and the tendons, of any path, that end at it.
 
     Attributes:
         anchorage: arc coordinate of the anchorage [m], > 0.
@@ -162,7 +162,7 @@ class RoutedSection:
 
     anchorage: float
     tendons: tuple[Tendon, ...]
-    is_papers = False  # a section of the paper is a `Section`
+    is_papers = False  # only a `Section` can be a section of the paper
 
     def __post_init__(self) -> None:
         anchorage = positive('section.anchorage', self.anchorage, 'm')
@@ -176,19 +176,19 @@ class RoutedSection:
             tendon.angle.cover(f'section.tendons[{number}].angle', anchorage)
 
 
-# Part of the length of an arm by which a disc and an anchorage are apart, or are one.
-_APART = 1e-9
+# Least distance of discs over the length of the arm; one nearer to an anchorage is the one there.
+_LEAST_DISTANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class Discs:
-    """The discs of an arm, rigid if they are not thin.
+    """The discs of an arm, which are rigid unless they are thin.
 
     Attributes:
-        s: arc coordinate of the face of each that is towards the tip [m], increasing; at most
-            `MAX_DISCS`. An `Arm` has one at every anchorage besides.
-        thickness: of each [m]; 0 for thin ones.
-        mass: of each, without that of the fluid that it displaces [kg]; 0 for thin ones.
+        s: arc coordinate of the face of each disc towards the tip [m], increasing; at most
+            `MAX_DISCS`. An `Arm` adds one at every anchorage.
+        thickness: thickness of each disc [m]; 0 for thin discs.
+        mass: mass of each disc less that of the displaced fluid [kg]; 0 for thin discs.
 
     Raises:
         ArmDefinitionError: if a value is outside its range.
@@ -200,7 +200,7 @@ class Discs:
 
     def __post_init__(self) -> None:
         check_class('tendons.discs', self.s, Iterable)
-        s = tuple(positive('tendons.discs', one, 'm') for one in self.s)
+        s = tuple(positive('tendons.discs', face, 'm') for face in self.s)
         thickness = not_negative('tendons.disc_thickness', self.thickness, 'thickness', 'm')
         mass = not_negative('tendons.disc_mass', self.mass, 'mass', 'kg')
         set_fields(self, s=s, thickness=thickness, mass=mass)
@@ -215,39 +215,39 @@ class Discs:
 
     @classmethod
     def evenly(cls, count: int, length: float, thickness: float = 0.0, mass: float = 0.0) -> Discs:
-        """So many, at most `MAX_DISCS`, of an arm of a ``length`` [m], the last at its tip."""
+        """Return ``count`` evenly spaced discs on an arm of a ``length`` [m], to the tip."""
         if whole('number of discs', count) > MAX_DISCS:
             raise ArmDefinitionError('number of discs', count, f'at most {MAX_DISCS}')
         s = tuple(length * (number / count) for number in range(1, count + 1))
         return cls(s, thickness, mass)
 
     def with_anchorages(self, anchorages: Iterable[float], length: float) -> Discs:
-        """These and one at each of the ``anchorages``, on an arm of a ``length`` [m].
+        """Return these discs and one at each of the ``anchorages``, on an arm of a ``length`` [m].
 
         Raises:
-            ArmDefinitionError: if one is beyond the tip, or they are not apart.
+            ArmDefinitionError: if a disc is beyond the tip, or two discs touch.
         """
         if not self.s:
             return self
-        ends, least = list(anchorages), _APART * length
-        own = {one for one in self.s if min(abs(one - end) for end in ends) > least}
-        s = tuple(sorted(own.union(ends)))
+        ends, least = list(anchorages), _LEAST_DISTANCE * length
+        between = {face for face in self.s if min(abs(face - end) for end in ends) > least}
+        s = tuple(sorted(between.union(ends)))
         if s[-1] > length:
             expected = f'at most the length of the arm, {length} [m]'
             raise ArmDefinitionError('tendons.discs', s[-1], expected)
-        for before, one in zip((0.0, *s), s):
-            if not one - self.thickness > before + least:
+        for before, face in zip((0.0, *s), s):
+            if not face - self.thickness > before + least:
                 expected = f'more than {before + self.thickness:.6g} [m], as discs do not touch'
-                raise ArmDefinitionError('tendons.discs', one, expected)
+                raise ArmDefinitionError('tendons.discs', face, expected)
         return dataclasses.replace(self, s=s)
 
     @property
     def faces(self) -> tuple[float, ...]:
-        """Arc coordinates of both faces of every disc, ascending [m]; one of a thin one."""
-        return tuple(sorted({*self.s, *(one - self.thickness for one in self.s)}))
+        """The arc coordinates of the faces of all discs, ascending [m]; a thin disc has one."""
+        return tuple(sorted({*self.s, *(face - self.thickness for face in self.s)}))
 
     def cover(self, s: FloatArray) -> BoolArray:
-        """Whether cross sections at ``s`` (n,) [m] are within discs that are not thin."""
+        """Whether the cross sections at ``s`` (n,) [m] are within rigid discs, (n,)."""
         if not self.thickness:
             return np.zeros(s.shape, np.bool_)
         return np.asarray(np.searchsorted(self.faces, s) % 2 == 1)

@@ -1,4 +1,4 @@
-"""Validation of input: every error names the field, its value and what was expected."""
+"""Checks of input: every error names the field, its value and the expected values."""
 
 import math
 
@@ -9,7 +9,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_NAME
 
-# Bounds of all magnitudes: powers of larger and smaller ones leave the range of floats.
+# Bounds of all magnitudes: powers of numbers beyond them leave the range of floats.
 LARGEST, SMALLEST = 1e30, 1e-30
 _NUMBERS = {float, int}
 
@@ -21,7 +21,7 @@ def set_fields(instance: object, **values: object) -> None:
 
 
 def check_class(name: str, value: object, kind: type, *others: type) -> None:
-    """Check that ``value`` is an instance of one of these; ArmDefinitionError if it is not."""
+    """Check that ``value`` is an instance of a given class; raise ArmDefinitionError if not."""
     if not isinstance(value, (kind, *others)):
         raise ArmDefinitionError(name, value, f'an instance of {kind.__name__}')
 
@@ -33,10 +33,10 @@ def finite(
     least: float = -math.inf,
     most: float = LARGEST,
 ) -> float:
-    """Return ``value`` as a float from ``least`` on, of magnitude up to ``most``.
+    """Return ``value`` as a float >= ``least`` of magnitude at most ``most``.
 
     Raises:
-        ArmDefinitionError: if it is none; the message quotes what is ``expected``.
+        ArmDefinitionError: if it is not such a number; the message has the text ``expected``.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ArmDefinitionError(name, value, expected)
@@ -79,7 +79,7 @@ def within(name: str, value: object, low: float, high: float, unit: str) -> floa
     """Return ``value`` as a float from ``low`` to ``high``.
 
     Raises:
-        ArmDefinitionError: if it is not a finite number within these, in ``unit``.
+        ArmDefinitionError: if it is not a finite number between them, in ``unit``.
     """
     expected = f'a finite number within [{low:.12g}, {high:.12g}] [{unit}]'
     number = finite(name, value, expected, low)
@@ -89,7 +89,7 @@ def within(name: str, value: object, low: float, high: float, unit: str) -> floa
 
 
 def whole(name: str, value: object) -> int:
-    """Return ``value`` as an integer >= 0; ArmDefinitionError if it is not one."""
+    """Return ``value`` as an integer >= 0; raise ArmDefinitionError if it is not one."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise ArmDefinitionError(name, value, 'an integer >= 0')
     return value
@@ -109,14 +109,14 @@ def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:
 
 
 def real_numbers(value: object) -> FloatArray | None:
-    """Return ``value``, an array or nested lists, as floats; None where it is no array of numbers.
+    """Return ``value``, an array or nested lists, as floats; None if it is no array of numbers.
 
-    Not numbers here are texts, booleans, which NumPy converts to 0 and 1, and masked elements, of
-    which NumPy takes the value behind the mask.
+    Numbers are neither texts, nor booleans, which NumPy would convert to 0 and 1, nor masked
+    elements, of which NumPy would take the value behind the mask.
     """
     if isinstance(value, MaskedArray) and np.any(value.mask):
         return None
-    if isinstance(value, np.ndarray) and value.dtype == object:  # as of a table with texts
+    if isinstance(value, np.ndarray) and value.dtype == object:  # such as a table with texts
         value = value.tolist()
     try:
         array = np.asarray(value)
@@ -126,7 +126,7 @@ def real_numbers(value: object) -> FloatArray | None:
         return None
     if isinstance(value, (list, tuple)) and not _NUMBERS.issuperset(map(type, value)):
         elements = np.array(value, dtype=object).ravel().tolist()
-        # Most are numbers, and a look into each takes long.
+        # Most elements are numbers, and a check of each takes long.
         others = [element for element in elements if type(element) not in _NUMBERS]
         if any(np.asarray(element).dtype.kind == 'b' for element in others):
             return None
@@ -136,7 +136,7 @@ def real_numbers(value: object) -> FloatArray | None:
 def is_text(value: object) -> bool:
     """Whether ``value`` is a text that fits into a ROS message.
 
-    It has at most `MAX_NAME` characters, no NUL, which ends a string there, and no surrogates,
+    It has at most `MAX_NAME` characters, no NUL, which would end it there, and no surrogates,
     which UTF-8 cannot encode.
     """
     return (
