@@ -1,20 +1,20 @@
-"""Sensors that may lie, believed or doubted by a bank of hypotheses.
+"""A bank of hypotheses about which sensors are wrong.
 
-Each hypothesis is a normal distribution of the state, and a set of sensors of which it uses
-nothing: none of them, one load cell, one other sensor, or all load cells (multiple-model adaptive
-estimation for failures of sensors, Maybeck 1999). How far one is contradicted is the sum of the
-normalised squares of its innovations beyond what is expected, forgotten in half a second;
-determinants of covariances are left out, as usual there, so that a hypothesis is not the worse for
-predicting less. What nothing contradicts stays as probable as before, and the covariance is that
-of the mixture: where other sensors cannot tell whether a load cell is right, it holds what would
-be if it is not.
+Each hypothesis is a normal distribution of the state, and a set of sensors that it does not use:
+none, one load cell, one other sensor, or all load cells (multiple-model adaptive estimation for
+failures of sensors, Maybeck 1999). Its contradiction is the sum of the normalised squares of its
+innovations beyond the expected ones, and decays in half a second. Determinants of covariances are
+left out, as usual there, so that a less exact prediction does not make a hypothesis less probable.
+A hypothesis that no measurement contradicts stays as probable as before. The published covariance
+is that of the mixture: if other sensors cannot decide whether a load cell is right, it contains
+the states in which the load cell is wrong.
 
-All hypotheses are updated about shapes that are known already. The most probable one then has its
-own shape solved, which may make it less so; then the next one has, and so on while `Work` is left.
+All hypotheses are updated about shapes that are solved already. Then the shape of the most
+probable one is solved, which may make it less so; then that of the next one, while `Work` is left.
 
-Where a load cell is doubted whose tension nothing has told yet, as at the start, the arm may be
-far from all shapes that are known, where a linear update tells neither for nor against. Such a
-hypothesis is open: it keeps its prior, which the covariance holds, until its shape was looked for.
+If a hypothesis doubts a load cell whose tension no other measurement determined yet, as at the
+start, the arm may be far from all solved shapes. There a linear update says nothing about the
+hypothesis. It is open: it keeps its prior as its covariance until the search for its shape.
 """
 
 from __future__ import annotations
@@ -37,39 +37,39 @@ from octo_arm_model.estimation.posterior import (
     Fit,
     Work,
     agree,
+    evaluated,
     nearest_possible,
-    reached,
 )
 from octo_arm_model.estimation.rules import Doubts, Rules, channels_of
 
-_MEMORY = 0.5  # [s] in which contradictions are forgotten
+_MEMORY = 0.5  # time constant in which contradictions decay [s]
 _EXPECTED = 2.0  # normalised square of a number, beyond which it contradicts
-_MOST = 16.0  # contradiction of a hypothesis [nat]: it is forgotten in three times _MEMORY
-CONTRADICTED = 8.0  # from which on a hypothesis is no longer followed by itself
-_STAYS = 1.0  # by which another hypothesis has to be more probable than the present one [nat]
-_SHARE = 4  # evaluations for one hypothesis among several
-_FAR = 0.02  # of the length, by which a station moves, to linearise others anew
-_LOOKED_FROM = 0.1, 0.3, 0.7  # of the prior's deviation, tensions that nothing tells
-_SEARCH = 5  # evaluations that a search from there takes at least
-_BETTER = 0.01  # nat for a normalised square
-_UNSURE = 2.0  # times the gate, for a square that is not exact
-_HALFWAY = 0.25  # part of the squares of noise and change, that is left where it led somewhere
-_RESOLVED = 1e-14  # part of a standard deviation before, that one of a measurement may be
-_NOBODY: Doubts = frozenset()
+_MOST = 16.0  # largest contradiction of a hypothesis [nat]; it decays in three times _MEMORY
+CONTRADICTED = 8.0  # contradiction from which a hypothesis restarts from the leader's state
+_HYSTERESIS = 1.0  # by which another hypothesis has to be more probable than the leader [nat]
+_SHARE_EVALUATIONS = 4  # largest number of evaluations for one hypothesis among several
+_FAR = 0.02  # displacement of a station from which others are linearised anew, over the length
+_START_FRACTIONS = 0.1, 0.3, 0.7  # unknown tensions to search from, over the prior's deviation
+_SEARCH_EVALUATIONS = 5  # evaluations that have to be left for a search from there
+_BETTER = 0.01  # cost of a normalised square in the comparison of linearisations [nat]
+_UNCONVERGED = 2.0  # factor on the gate for the square of a search that did not converge
+_PROGRESS = 0.25  # largest ratio of squares after to before a search that is progress
+_RESOLUTION = 1e-14  # least ratio of the deviation of a measurement to the predicted one
+_NO_DOUBTS: Doubts = frozenset()
 
 
 class Bank(NamedTuple):
-    """Hypotheses.
+    """The hypotheses about the sensors of one arm.
 
     Attributes:
-        doubts: sensors of which each uses nothing.
-        mean: of the state by each, (hypotheses, n).
-        covariance: of it, (hypotheses, n, n).
-        contradiction: of each [nat], (hypotheses,).
-        leader: number of the most probable one, which is published.
-        heard: sensors other than load cells that were heard so far.
-        agreement: of the leader.
-        is_open: which doubt a load cell, and have not been judged near their own shape yet.
+        doubts: sensors that each hypothesis does not use.
+        mean: mean of the state by each, (hypotheses, n).
+        covariance: covariance of the state by each, (hypotheses, n, n).
+        contradiction: contradiction of each [nat], (hypotheses,).
+        leader: index of the most probable one, whose state is published.
+        heard: sensors other than load cells that have measured so far.
+        agreement: agreement of the leader, see `Agreement`.
+        is_open: which doubt a load cell, and are not compared near their own shape yet.
     """
 
     doubts: tuple[Doubts, ...]
@@ -83,15 +83,15 @@ class Bank(NamedTuple):
 
     @property
     def leading(self) -> Gaussian:
-        """What the leader knows."""
-        return self.one(self.leader)
+        """The distribution of the state by the leader."""
+        return self.hypothesis(self.leader)
 
-    def one(self, number: int) -> Gaussian:
-        """What one hypothesis knows."""
+    def hypothesis(self, number: int) -> Gaussian:
+        """Return the distribution of the state by one hypothesis."""
         return Gaussian.of(self.mean[number], self.covariance[number])
 
     def after(self, model: ArmModel, elapsed: float) -> Bank:
-        """All of them ``elapsed`` [s] later."""
+        """Return the hypotheses ``elapsed`` [s] later."""
         decay, growth = model.state.decay(elapsed), model.state.growth(elapsed)
         covariance = np.outer(decay, decay) * self.covariance + np.diag(growth**2)
         contradiction = math.exp(-elapsed / _MEMORY) * self.contradiction
@@ -101,26 +101,25 @@ class Bank(NamedTuple):
 
 
 def new_bank(model: ArmModel) -> Bank:
-    """Of one hypothesis, that believes everything and knows the prior of ``model``."""
+    """Return a bank of one hypothesis, which uses all sensors and has the prior of ``model``."""
     mean, root = model.state.prior
-    none = np.zeros(1, dtype=bool)
+    is_open = np.zeros(1, dtype=bool)
     covariance = (root**2)[np.newaxis]
-    return Bank(
-        (_NOBODY,), mean[np.newaxis], covariance, np.zeros(1), 0, _NOBODY, Agreement(), none
-    )
+    none, agreement = _NO_DOUBTS, Agreement()
+    return Bank((none,), mean[np.newaxis], covariance, np.zeros(1), 0, none, agreement, is_open)
 
 
 class BankUpdate(NamedTuple):
-    """What measurements make of every hypothesis, the first axis.
+    """The update of every hypothesis by some measurements.
 
     Attributes:
-        mean: of the state after them, (hypotheses, n).
-        covariance: of it, (hypotheses, n, n).
-        is_used: which numbers each used, (hypotheses, m).
-        cost: by how much they contradict each [nat], (hypotheses,).
+        mean: mean of the state after them, (hypotheses, n).
+        covariance: covariance of the state after them, (hypotheses, n, n).
+        is_used: which numbers each hypothesis used, (hypotheses, m).
+        cost: contradiction of each by the measurements [nat], (hypotheses,).
         innovation: measured less predicted before, (hypotheses, m).
-        expected: covariance of that, (hypotheses, m, m).
-        square: normalised square of what each used together, (hypotheses,).
+        expected: expected covariance of the innovation, (hypotheses, m, m).
+        square: normalised square of all numbers that each used, (hypotheses,).
     """
 
     mean: FloatArray
@@ -132,248 +131,249 @@ class BankUpdate(NamedTuple):
     square: FloatArray
 
     def improve(self, others: BankUpdate) -> None:
-        """Write ``others`` where they contradict less, linearised about another shape."""
-        # Where neither does the one that explains more of it.
+        """Take ``others``, linearised about another shape, for hypotheses that they fit better."""
+        # If the costs are equal, the smaller normalised square decides.
         better = others.cost + _BETTER * others.square < self.cost + _BETTER * self.square
         self.put(np.flatnonzero(better), others.of(np.flatnonzero(better)))
 
     def of(self, numbers: IntArray | list[int]) -> BankUpdate:
-        """Some hypotheses alone, in this order."""
-        return BankUpdate._make(one[numbers] for one in self)
+        """Return the update of the hypotheses ``numbers`` alone, in this order."""
+        return BankUpdate._make(values[numbers] for values in self)
 
     def put(self, numbers: IntArray | list[int], others: BankUpdate) -> None:
-        """Write ``others`` in the place of some."""
-        for whole, part in zip(self, others, strict=True):
-            whole[numbers] = part
+        """Replace the update of the hypotheses ``numbers`` by ``others``."""
+        for values, other_values in zip(self, others, strict=True):
+            values[numbers] = other_values
 
 
 class BankFilter:
-    """Updates the hypotheses of one arm with what was measured at one time."""
+    """The update of the hypotheses of one arm by the measurements of one time."""
 
     def __init__(self, model: ArmModel, rules: Rules, work: Work) -> None:
-        """Of ``model``, by ``rules``, with no more ``work`` than that."""
+        """Prepare the update for a ``model`` by ``rules``, within the budget ``work``."""
         self._model, self._rules, self._work = model, rules, work
         names = model.arm.tendon_names
-        # Where the tension of each load cell is in the state.
-        self._tension = {f'{LOAD_CELL} {name}': at for at, name in enumerate(names)}
+        # Component of the state with the tension of each load cell.
+        self._tension = {f'{LOAD_CELL} {name}': index for index, name in enumerate(names)}
         self._cells = frozenset(self._tension)
         self._prior = model.state.prior_stddev()
 
-    def with_linear(self, bank: Bank, rows: Rows, at: Prediction) -> tuple[Bank, BankUpdate]:
-        """All hypotheses after ``rows`` that depend on no shape; ``at`` is of any state."""
-        update = self._linearised(bank, rows, at)
+    def with_linear(self, bank: Bank, rows: Rows, near: Prediction) -> tuple[Bank, BankUpdate]:
+        """Update all hypotheses by ``rows`` that are linear; ``near`` is of any state."""
+        update = self._linearised(bank, rows, near)
         expected = update.expected[bank.leader].diagonal()
-        if (rows.noise.diagonal() < _RESOLVED**2 * expected).any():
-            raise np.linalg.LinAlgError('what is measured is far more exact than what was known')
+        if (rows.noise.diagonal() < _RESOLUTION**2 * expected).any():
+            raise np.linalg.LinAlgError('a measurement is far more exact than its prediction')
         return _updated(bank, update), update
 
-    def with_leader(self, bank: Bank, at: Prediction) -> tuple[Bank, Prediction]:
-        """The most probable hypothesis leads, with possible tensions; and its shape."""
+    def with_leader(self, bank: Bank, prediction: Prediction) -> tuple[Bank, Prediction]:
+        """Make the most probable hypothesis the leader, with tensions >= 0, and get its shape."""
         total = bank.contradiction + self._improbability(bank)
-        total[bank.is_open] = np.inf  # their means were not looked for
-        total[bank.leader] -= _STAYS
+        total[bank.is_open] = np.inf  # the search for their means is still to be done
+        total[bank.leader] -= _HYSTERESIS
         leader = int(total.argmin())
         means = bank.mean.copy()
-        means[leader] = mean = nearest_possible(self._model, bank.one(leader))
-        # Where no work is left the shape nearby is moved to the mean to first order.
-        if self._work.is_left or at.shape is None:
-            at = reached(at, mean, self._work)
-        return bank._replace(mean=means, leader=leader), at
+        means[leader] = mean = nearest_possible(self._model, bank.hypothesis(leader))
+        # If no work is left, the shape nearby is moved to the mean to first order.
+        if self._work.is_left or prediction.shape is None:
+            prediction = evaluated(prediction, mean, self._work)
+        return bank._replace(mean=means, leader=leader), prediction
 
     def with_shapes(
-        self, bank: Bank, rows: Rows, at: Prediction, *, is_new: bool
+        self, bank: Bank, rows: Rows, prediction: Prediction, *, is_new: bool
     ) -> tuple[Bank, BankUpdate, Prediction]:
-        """All hypotheses after ``rows``, the most probable one about its own shape.
+        """Update all hypotheses by ``rows``, the most probable one about its own shape.
 
-        Where it ``is_new`` nothing leads to this shape but the prior.
+        If the estimate ``is_new``, this shape is searched from the prior alone.
 
         Raises:
-            SolveError: if there is none.
+            SolveError: if there is no trustworthy shape.
         """
         exact: dict[int, tuple[Fit, BankUpdate]] = {}
-        shape, stays = at, self._improbability(bank)
-        stays[bank.leader] -= _STAYS
-        # The leader comes first, and no sensor is doubted before its shape is known: far from what
-        # was expected, as after a sudden touch, a linear guess of it is much too bad.
+        nearby, prior_cost = prediction, self._improbability(bank)
+        prior_cost[bank.leader] -= _HYSTERESIS
+        # The leader's shape is solved first, and no sensor is doubted before: a linear guess far
+        # from the expected shape, as after a sudden touch, is too inaccurate for that.
         best, update = bank.leader, None
-        # Where it is contradicted, and others were not looked for yet, most work is left for them.
+        # If the leader is contradicted and others are open, most work is reserved for the others.
         is_lost = bank.contradiction[best] >= CONTRADICTED and bool(bank.is_open.any())
-        spare = _SEARCH + 1 if is_lost else 1
+        reserved = _SEARCH_EVALUATIONS + 1 if is_lost else 1
         while best not in exact:
             try:
-                exact[best] = self._fit(bank, best, rows, at, spare, is_new=is_new)
+                exact[best] = self._fit(bank, best, rows, prediction, reserved, is_new=is_new)
             except SolveError:
-                stays[best] = np.inf
-                if not np.isfinite(stays).any() or not (exact or self._work.is_left):
+                prior_cost[best] = np.inf
+                if not np.isfinite(prior_cost).any() or not (exact or self._work.is_left):
                     raise
             else:
-                found = exact[best][0].at
+                solved = exact[best][0].prediction
                 if len(bank.doubts) == 1:
                     update = exact[best][1]
-                elif shape.distance(found.x) > _FAR * self._model.arm.length:
-                    update = update or self._linearised(bank, rows, shape)
-                    update.improve(self._linearised(bank, rows, found))
-                shape = found
-            update = update or self._linearised(bank, rows, shape)
-            for number, (_, one) in exact.items():
-                update.put([number], one)
-            best = int((bank.contradiction + update.cost + stays).argmin())
+                elif nearby.distance(solved.x) > _FAR * self._model.arm.length:
+                    update = update or self._linearised(bank, rows, nearby)
+                    update.improve(self._linearised(bank, rows, solved))
+                nearby = solved
+            update = update or self._linearised(bank, rows, nearby)
+            for number, (_, solved_update) in exact.items():
+                update.put([number], solved_update)
+            best = int((bank.contradiction + update.cost + prior_cost).argmin())
             if exact and (is_lost or not self._work.is_left):
                 break
         assert update is not None
-        is_open = self._search(bank, update, rows, shape, exact)
-        total = bank.contradiction + update.cost + stays
+        is_open = self._search(bank, update, rows, nearby, exact)
+        total = bank.contradiction + update.cost + prior_cost
         best = min(exact, key=lambda number: float(total[number]))
         fit = exact[best][0]
         bank = _updated(bank, update)._replace(
             leader=best, agreement=fit.agreement, is_open=is_open
         )
-        return bank, update, fit.at
+        return bank, update, fit.prediction
 
     def _search(
         self,
         bank: Bank,
         update: BankUpdate,
         rows: Rows,
-        at: Prediction,
+        prediction: Prediction,
         exact: dict[int, tuple[Fit, BankUpdate]],
     ) -> NDArray[np.bool_]:
-        """Look for the shapes of open hypotheses that ``at`` is far from, into ``exact``.
+        """Add to ``exact`` the shapes of open hypotheses far from ``prediction``; return the rest.
 
-        Those that no work is left for stay open, as they were, so that the covariance holds them.
+        The rest stays in the covariance without an update, as no work is left for it.
         """
         if not bank.is_open.any():
             return bank.is_open
-        moved = (update.mean - at.x) @ at.change.tip[:3].T
-        is_far = np.linalg.norm(moved, axis=1) > _FAR * self._model.arm.length
+        displacement = (update.mean - prediction.x) @ prediction.change.tip[:3].T
+        is_far = np.linalg.norm(displacement, axis=1) > _FAR * self._model.arm.length
         is_open = bank.is_open & (is_far | (update.cost >= CONTRADICTED))
         is_open[list(exact)] = False
-        waiting = np.flatnonzero(is_open).tolist()
-        for number in waiting:
-            if self._work.evaluations < _SEARCH:
+        open_numbers = np.flatnonzero(is_open).tolist()
+        for number in open_numbers:
+            if self._work.evaluations < _SEARCH_EVALUATIONS:
                 break
             is_open[number] = False
             try:
-                start = self._nearest(bank, number, rows, at)
+                start = self._nearest(bank, number, rows, prediction)
                 exact[number] = self._fit(bank, number, rows, start, 0, is_new=False)
             except SolveError:
                 continue
-            fit, one = exact[number]
-            if one.cost[0] < CONTRADICTED:
-                update.improve(self._linearised(bank, rows, fit.at))
-        for number, (_, one) in exact.items():
-            update.put([number], one)
-        left = [number for number in waiting if number not in exact]
-        update.mean[left], update.covariance[left] = bank.mean[left], bank.covariance[left]
-        update.is_used[left], update.cost[left] = False, 0.0
+            fit, solved_update = exact[number]
+            if solved_update.cost[0] < CONTRADICTED:
+                update.improve(self._linearised(bank, rows, fit.prediction))
+        for number, (_, solved_update) in exact.items():
+            update.put([number], solved_update)
+        same = [number for number in open_numbers if number not in exact]
+        update.mean[same], update.covariance[same] = bank.mean[same], bank.covariance[same]
+        update.is_used[same], update.cost[same] = False, 0.0
         return is_open
 
-    def _nearest(self, bank: Bank, number: int, rows: Rows, at: Prediction) -> Prediction:
-        """What explains ``rows`` best, of ``at`` and some tensions that one doubts."""
+    def _nearest(self, bank: Bank, number: int, rows: Rows, near: Prediction) -> Prediction:
+        """Return the best of ``near`` and states with some values of the doubted tension."""
         doubted = [self._tension[name] for name in bank.doubts[number] & self._cells]
-        x = nearest_possible(self._model, bank.one(number))
-        best, least = at, square_of(rows.left(at), rows.noise_root)
-        for part in _LOOKED_FROM:
+        x = nearest_possible(self._model, bank.hypothesis(number))
+        best, least = near, square_of(rows.innovation(near), rows.noise_root)
+        for fraction in _START_FRACTIONS:
             x = x.copy()
-            x[doubted] = part * self._prior[doubted]
+            x[doubted] = fraction * self._prior[doubted]
             try:
-                at = reached(at, x, self._work)
-                square = square_of(rows.left(at), rows.noise_root)
+                near = evaluated(near, x, self._work)
+                square = square_of(rows.innovation(near), rows.noise_root)
             except SolveError:
                 break
             if square < least:
-                best, least = at, square
+                best, least = near, square
         return best
 
     def _linearised(
-        self, bank: Bank, rows: Rows, at: Prediction, is_used: NDArray[np.bool_] | None = None
+        self, bank: Bank, rows: Rows, near: Prediction, is_used: NDArray[np.bool_] | None = None
     ) -> BankUpdate:
-        """All hypotheses after ``rows``, linearised about ``at``; by the gate what ``is_used``."""
-        jacobian, channels = rows.jacobian(at), channels_of(rows.channels(at))
-        innovation = rows.left(at) + (at.x - bank.mean) @ jacobian.T
+        """Update all hypotheses, linearised about ``near``, by what ``is_used`` or the gate."""
+        jacobian, channels = rows.jacobian(near), channels_of(rows.channels(near))
+        innovation = rows.innovation(near) + (near.x - bank.mean) @ jacobian.T
         across = jacobian @ bank.covariance
         expected = across @ jacobian.T + rows.noise
         squares, limits = channels.squares(innovation, expected), channels.limits(self._rules.gate)
         is_doubted = np.array([channels.is_in(doubts) for doubts in bank.doubts])
         if is_used is None:
             is_used = ~is_doubted & (squares <= limits)
-        # Numbers that are not used are of noise alone.
-        some = is_used[..., np.newaxis]
-        noise = ~some * np.diag(rows.noise.diagonal())
-        across, left = some * across, (is_used * innovation)[..., np.newaxis]
-        used = some * expected * is_used[:, np.newaxis] + noise
-        solved = np.linalg.solve(used, np.concatenate([across, left], axis=-1))
-        gain, square = solved[..., :-1], (solved[..., -1:] * left).sum(axis=(1, 2))
-        mean = bank.mean + (gain * left).sum(axis=1)
-        # Joseph's form, exact too where measurements are far more exact than what was known.
+        # Numbers that are not used have a covariance of noise alone.
+        used_rows = is_used[..., np.newaxis]
+        noise = ~used_rows * np.diag(rows.noise.diagonal())
+        across, residual = used_rows * across, (is_used * innovation)[..., np.newaxis]
+        used = used_rows * expected * is_used[:, np.newaxis] + noise
+        solved = np.linalg.solve(used, np.concatenate([across, residual], axis=-1))
+        gain, square = solved[..., :-1], (solved[..., -1:] * residual).sum(axis=(1, 2))
+        mean = bank.mean + (gain * residual).sum(axis=1)
+        # Joseph's form is accurate even if measurements are far more exact than the prior.
         covariance = bank.covariance - gain.swapaxes(-1, -2) @ across
-        told = jacobian @ covariance * some
-        covariance += (rows.noise @ gain - told).swapaxes(-1, -2) @ gain
+        gained = jacobian @ covariance * used_rows
+        covariance += (rows.noise @ gain - gained).swapaxes(-1, -2) @ gain
         covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
         cost = np.maximum(0.0, 0.5 * (square - _EXPECTED * is_used.sum(axis=-1)))
-        # What is refused counts by itself, as at the gate at least.
+        # Each refused sensor adds its own square, at least that of the gate.
         refused = np.minimum(0.5 * np.maximum(squares, limits), _MOST) / channels.counts
         cost += np.where(~is_used & ~is_doubted, refused, 0.0).sum(axis=-1)
         return BankUpdate(mean, covariance, is_used, cost, innovation, expected, square)
 
     def _fit(
-        self, bank: Bank, number: int, rows: Rows, at: Prediction, spare: int, *, is_new: bool
+        self, bank: Bank, number: int, rows: Rows, near: Prediction, spare: int, *, is_new: bool
     ) -> tuple[Fit, BankUpdate]:
-        """One hypothesis after ``rows``, about the shape that it agrees with them on."""
-        before, channels = bank.one(number), channels_of(rows.channels(at))
-        alone = bank._replace(
+        """Update one hypothesis by ``rows``, linearised about its own shape after them."""
+        prior, channels = bank.hypothesis(number), channels_of(rows.channels(near))
+        single = bank._replace(
             doubts=bank.doubts[number : number + 1],
             mean=bank.mean[[number]],
             covariance=bank.covariance[[number]],
         )
         is_used, limits = ~channels.is_in(bank.doubts[number]), channels.limits(self._rules.gate)
-        first, share = at, self._work
+        start, work = near, self._work
         while True:
-            if len(bank.doubts) > 1:  # something is left for the others
-                share = self._work.share(min(_SHARE, max(self._work.evaluations - spare, 1)))
-            some = rows.only(np.flatnonzero(is_used))
-            fit = agree(before, some, bank.agreement, at, share, is_new=is_new)
-            at, is_new = fit.at, False
-            update = self._linearised(alone, rows, at, is_used[np.newaxis])
+            if len(bank.doubts) > 1:  # the rest of the work is for the others
+                available = max(self._work.evaluations - spare, 1)
+                work = self._work.share(min(_SHARE_EVALUATIONS, available))
+            rows_used = rows.subset(np.flatnonzero(is_used))
+            fit = agree(prior, rows_used, bank.agreement, near, work, is_new=is_new)
+            near, is_new = fit.prediction, False
+            update = self._linearised(single, rows, near, is_used[np.newaxis])
             squares = channels.squares(update.innovation, update.expected)[0]
             is_refused = is_used & (squares > limits)
             if not fit.is_converged:
-                # Squares are not exact then; what led nowhere is refused.
-                now, then = (
-                    square_of(some.left(one), some.noise_root)
-                    + np.array([0.0, square_of(one.x - before.mean, before.root)])
-                    for one in (at, first)
+                # The squares are not exact then. If the search made no progress, all is refused.
+                square, square_before = (
+                    square_of(rows_used.innovation(point), rows_used.noise_root)
+                    + np.array([0.0, square_of(point.x - prior.mean, prior.root)])
+                    for point in (near, start)
                 )
-                is_hopeless = now[0] > limits.max() and now[1] > _HALFWAY * then[1]
-                is_refused = is_used & ((squares > _UNSURE * limits) | is_hopeless)
+                is_diverged = square[0] > limits.max() and square[1] > _PROGRESS * square_before[1]
+                is_refused = is_used & ((squares > _UNCONVERGED * limits) | is_diverged)
             if not is_refused.any():
                 break
             is_used = is_used & ~is_refused
         covariance = (fit.known.root @ fit.known.root.T)[np.newaxis]
         return fit, update._replace(mean=fit.known.mean[np.newaxis], covariance=covariance)
 
-    def with_suspects(self, bank: Bank, heard: Sequence[str]) -> tuple[Bank, list[int]]:
-        """With a hypothesis for each sensor that may lie, and from which each of them is.
+    def with_suspected_sensors(self, bank: Bank, heard: Sequence[str]) -> tuple[Bank, list[int]]:
+        """Add hypotheses that one sensor is wrong; return the bank and the sources of all.
 
-        Load cells may once another sensor is ``heard``, which can tell.
+        Load cells are suspected once another sensor is ``heard``, which can show their errors.
         """
-        known = bank.heard | frozenset(heard)
-        if not self._rules.doubts_any or known == bank.heard:
+        sensors = bank.heard | frozenset(heard)
+        if not self._rules.doubts_any or sensors == bank.heard:
             return bank, list(range(len(bank.doubts)))
-        return self._about(bank._replace(heard=known), bank.doubts[bank.leader])
+        return self._neighbours(bank._replace(heard=sensors), bank.doubts[bank.leader])
 
-    def without_lost(self, bank: Bank) -> Bank:
-        """Hypotheses that are contradicted go on from what the leader knows."""
+    def without_contradicted(self, bank: Bank) -> Bank:
+        """Restart contradicted hypotheses from the state of the leader."""
         if len(bank.doubts) == 1:
             return bank
         doubts, cells = bank.doubts[bank.leader], self._cells
         is_single = len(doubts & cells) == len(doubts) == 1
         is_lost = bank.contradiction >= CONTRADICTED
         if is_lost[bank.leader] and is_single and not bank.is_open.any():
-            # One load cell that lies does not explain what is measured: two of them may.
-            bank, _ = self._about(bank, doubts)
+            # One wrong load cell does not explain the measurements, but two may.
+            bank, _ = self._neighbours(bank, doubts)
             is_lost = bank.contradiction >= CONTRADICTED
-        is_lost |= np.array([one == cells for one in bank.doubts])
+        is_lost |= np.array([names == cells for names in bank.doubts])
         is_lost[bank.leader] = False
         if not is_lost.any():
             return bank
@@ -381,63 +381,57 @@ class BankFilter:
         mean[is_lost], covariance[is_lost] = mean[leader], covariance[leader]
         return self._widened(bank._replace(mean=mean, covariance=covariance), is_lost)
 
-    def accused(self, bank: Bank) -> tuple[Doubts, tuple[str, ...]]:
-        """Sensors that the leader doubts and that lie more probably than not, by all hypotheses.
-
-        Where there are none though it doubts some: also the fewest of which one does, if any lies.
-        """
+    def doubted_and_suspects(self, bank: Bank) -> tuple[Doubts, tuple[str, ...]]:
+        """Return doubted sensors that are probably wrong; if none is, those of which one is."""
         doubted = bank.doubts[bank.leader]
         if not doubted:
-            return _NOBODY, ()
+            return _NO_DOUBTS, ()
         weight, suspects = self._weight(bank), []
-        names = sorted(frozenset().union(*bank.doubts))
-        lies = {name: np.array([name in one for one in bank.doubts]) for name in names}
-        refused = frozenset(name for name in doubted if weight[lies[name]].sum() > 0.5)
-        left = weight * [bool(one) for one in bank.doubts]
-        most = 0.5 * left.sum()
-        while not refused and left.sum() >= most:
-            suspects.append(max(names, key=lambda name: float(left[lies[name]].sum())))
-            left[lies[suspects[-1]]] = 0.0
+        sensors = sorted(frozenset().union(*bank.doubts))
+        doubting = {name: np.array([name in names for names in bank.doubts]) for name in sensors}
+        refused = frozenset(name for name in doubted if weight[doubting[name]].sum() > 0.5)
+        remaining = weight * [bool(names) for names in bank.doubts]
+        half = 0.5 * remaining.sum()
+        while not refused and remaining.sum() >= half:
+            suspects.append(max(sensors, key=lambda name: float(remaining[doubting[name]].sum())))
+            remaining[doubting[suspects[-1]]] = 0.0
         return refused, tuple(suspects)
 
     def mixture(self, bank: Bank) -> Gaussian:
-        """The mean of the leader, and a covariance that holds what others think possible."""
+        """Return the leader's mean, with the covariance of the mixture of all hypotheses."""
         if len(bank.doubts) == 1:
             return bank.leading
         weight, mean = self._weight(bank), bank.mean[bank.leader]
-        away = bank.mean - mean
-        covariance = np.tensordot(weight, bank.covariance, axes=1) + (weight * away.T) @ away
+        offset = bank.mean - mean
+        covariance = np.tensordot(weight, bank.covariance, axes=1) + (weight * offset.T) @ offset
         return Gaussian.of(mean, covariance)
 
     def _improbability(self, bank: Bank) -> FloatArray:
-        """Of every hypothesis before anything is measured [nat]."""
-        return np.array([self._rules.improbability(one, self._cells) for one in bank.doubts])
+        """Return -ln of the prior probability of every hypothesis [nat], (hypotheses,)."""
+        return np.array([self._rules.improbability(doubts, self._cells) for doubts in bank.doubts])
 
     def _weight(self, bank: Bank) -> FloatArray:
-        """Probability of every hypothesis, (hypotheses,)."""
+        """Return the probability of every hypothesis, (hypotheses,)."""
         total = bank.contradiction + self._improbability(bank)
         weight = np.exp(total.min() - total)
         return np.asarray(weight / weight.sum())
 
-    def _about(self, bank: Bank, root: Doubts) -> tuple[Bank, list[int]]:
-        """Hypotheses of one doubt more or less than ``root``, and from which each of them is.
-
-        Those that are new know what the leader does, but for what the doubted sensor told.
-        """
+    def _neighbours(self, bank: Bank, root: Doubts) -> tuple[Bank, list[int]]:
+        """Return the hypotheses with one doubt more or less than ``root``, and their sources."""
         rules, leading = self._rules, bank.doubts[bank.leader]
         suspects = sorted(self._cells) if rules.cell_fault else []
         if rules.sensor_fault and not root:
-            # All others may not be doubted at once: then it is the arm that is lost.
+            # All other sensors are not doubted at once: then the state of the arm is wrong.
             suspects += sorted(bank.heard)
-        wanted = [root, leading, _NOBODY, *(root - {name} for name in sorted(root))]
-        wanted += [root | {name} for name in suspects]
-        wanted += [self._cells] if rules.cell_fault else []
-        doubts = tuple(dict.fromkeys(wanted))
-        known = {one: number for number, one in enumerate(bank.doubts)}
-        sources = [known.get(one, bank.leader) for one in doubts]
-        is_new = np.array([one not in known for one in doubts])
-        is_cell = np.array([len(one) == len(one & self._cells) == 1 for one in doubts])
-        made = bank._replace(
+        sets = [root, leading, _NO_DOUBTS, *(root - {name} for name in sorted(root))]
+        sets += [root | {name} for name in suspects]
+        sets += [self._cells] if rules.cell_fault else []
+        doubts = tuple(dict.fromkeys(sets))
+        numbers = {names: number for number, names in enumerate(bank.doubts)}
+        sources = [numbers.get(names, bank.leader) for names in doubts]
+        is_new = np.array([names not in numbers for names in doubts])
+        is_cell = np.array([len(names) == len(names & self._cells) == 1 for names in doubts])
+        neighbours = bank._replace(
             doubts=doubts,
             mean=bank.mean[sources],
             covariance=bank.covariance[sources],
@@ -445,28 +439,28 @@ class BankFilter:
             leader=doubts.index(leading),
             is_open=np.where(is_new, is_cell & (not root), bank.is_open[sources]),
         )
-        return self._widened(made, is_new), sources
+        return self._widened(neighbours, is_new), sources
 
     def _widened(self, bank: Bank, is_new: NDArray[np.bool_]) -> Bank:
-        """``bank`` whose new hypotheses know no more of what a doubted sensor told."""
-        believed, state = bank.doubts[bank.leader], self._model.state
-        is_told = np.zeros(bank.mean.shape, dtype=bool)
+        """Return the ``bank``, whose new hypotheses forget what their doubted sensors measured."""
+        leader_doubts, state = bank.doubts[bank.leader], self._model.state
+        is_forgotten = np.zeros(bank.mean.shape, dtype=bool)
         for number in np.flatnonzero(is_new):
             doubts = bank.doubts[number]
-            for name in () if doubts == self._cells else doubts - believed:
-                # What follows from this sensor before all others.
-                is_told[number, state.tip_force.start : state.current.stop] = True
+            for name in () if doubts == self._cells else doubts - leader_doubts:
+                # The external loads follow from this sensor first.
+                is_forgotten[number, state.tip_force.start : state.current.stop] = True
                 if name in self._cells:
-                    is_told[number, self._tension[name]] = True
-            if believed == self._cells != doubts:
-                # Nothing tells the leader of tensions, and load cells that are right again do.
-                is_told[number, state.tension] = True
-        wide = (is_told * self._prior**2)[..., np.newaxis] * np.eye(state.size)
+                    is_forgotten[number, self._tension[name]] = True
+            if leader_doubts == self._cells != doubts:
+                # The leader does not know the tensions, which load cells measure again.
+                is_forgotten[number, state.tension] = True
+        wide = (is_forgotten * self._prior**2)[..., np.newaxis] * np.eye(state.size)
         return bank._replace(covariance=bank.covariance + wide)
 
 
 def _updated(bank: Bank, update: BankUpdate) -> Bank:
-    """``bank`` after an ``update``."""
+    """Return the ``bank`` after an ``update``."""
     contradiction = np.minimum(bank.contradiction + update.cost, _MOST)
     return bank._replace(
         mean=update.mean, covariance=update.covariance, contradiction=contradiction

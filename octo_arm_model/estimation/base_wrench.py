@@ -1,4 +1,4 @@
-"""The wrench under the base: what all external loads add up to."""
+"""The measurement of the wrench under the base, which is the sum of all external loads."""
 
 from __future__ import annotations
 
@@ -22,43 +22,44 @@ _GAUSS = 4  # points of the quadrature between two stations
 
 
 class BaseWrench(Measurement):
-    """Force and moment of all external loads on the arm about its base, in base_frame, (6,).
+    """A measurement of the wrench of all external loads about the base, in base_frame, (6,).
 
-    As a sensor under the base and the winches feels them [N, N m]: tendons' forces are internal.
+    The sensor is under base and winches, so tendons exert internal forces only [N, N m].
     """
 
     name = 'base wrench'
 
-    def innovation(self, at: Prediction) -> FloatArray:
-        """What was measured less what is predicted, (6,) [N, N m]."""
+    def innovation(self, prediction: Prediction) -> FloatArray:
+        """Return the measured less the predicted wrench, (6,) [N, N m]."""
         self.check_size(6, 'force and moment')
-        sums = _sums(at.model)
-        magnitudes = np.append(at.x, 1.0)
-        away = at.solved.position - at.solved.position[0]
-        moment = np.cross(away, sums.at_stations @ magnitudes).sum(axis=0)
+        sums = _sums(prediction.model)
+        magnitudes = np.append(prediction.x, 1.0)
+        lever = prediction.solved.position - prediction.solved.position[0]
+        moment = np.cross(lever, sums.at_stations @ magnitudes).sum(axis=0)
         predicted = np.concatenate([sums.force @ magnitudes, moment + sums.moment @ magnitudes])
         return self.value - predicted
 
-    def jacobian(self, at: Prediction) -> FloatArray:
-        """Change of what is predicted by the state, (6, state)."""
-        sums = _sums(at.model)
-        away = at.solved.position - at.solved.position[0]
-        acting = sums.at_stations @ np.append(at.x, 1.0)
+    def jacobian(self, prediction: Prediction) -> FloatArray:
+        """Return the derivatives of the predicted wrench by the state, (6, state)."""
+        sums = _sums(prediction.model)
+        lever = prediction.solved.position - prediction.solved.position[0]
+        forces = sums.at_stations @ np.append(prediction.x, 1.0)
         moment = sums.moment[:, :-1] + np.cross(
-            away[:, :, np.newaxis], sums.at_stations[..., :-1], axis=1
+            lever[:, :, np.newaxis], sums.at_stations[..., :-1], axis=1
         ).sum(axis=0)
-        moment += np.cross(at.change.pose[:, :3], acting[:, :, np.newaxis], axis=1).sum(axis=0)
+        by_state = prediction.change.pose[:, :3]
+        moment += np.cross(by_state, forces[:, :, np.newaxis], axis=1).sum(axis=0)
         return np.concatenate([sums.force[:, :-1], moment])
 
 
 class _Sums(NamedTuple):
-    """What loads of magnitude one sum to; the last column is that of the known loads.
+    """The resultants of unit loads; the last column is that of the known loads.
 
     Attributes:
-        force: in all, (3, state + 1).
-        moment: free moments in all, (3, state + 1).
-        at_stations: forces that have the same moment as the loads whatever the shape, which is
-            a cubic spline through the stations, (stations, 3, state + 1).
+        force: resultant force, (3, state + 1).
+        moment: sum of the free moments, (3, state + 1).
+        at_stations: forces at stations with the moment of the loads for every shape that is a
+            cubic spline through the stations, (stations, 3, state + 1).
     """
 
     force: FloatArray
@@ -66,11 +67,11 @@ class _Sums(NamedTuple):
     at_stations: FloatArray
 
 
-_KNOWN: weakref.WeakKeyDictionary[ArmModel, _Sums] = weakref.WeakKeyDictionary()
+_CACHE: weakref.WeakKeyDictionary[ArmModel, _Sums] = weakref.WeakKeyDictionary()
 
 
 def _sums(model: ArmModel) -> _Sums:
-    if model not in _KNOWN:
+    if model not in _CACHE:
         grid, state = model.solver.grid, model.state
         moment = np.zeros((3, state.size + 1))
         at_stations = np.zeros((grid.s.size, 3, state.size + 1))
@@ -81,15 +82,15 @@ def _sums(model: ArmModel) -> _Sums:
             moment[:, column] = np.sum(moments, axis=0)
         np.fill_diagonal(at_stations[-1, :, state.tip_force], 1.0)
         np.fill_diagonal(moment[:, state.tip_moment], 1.0)
-        _KNOWN[model] = _Sums(at_stations.sum(axis=0), moment, at_stations)
-    return _KNOWN[model]
+        _CACHE[model] = _Sums(at_stations.sum(axis=0), moment, at_stations)
+    return _CACHE[model]
 
 
 def forces_at_stations(arm: Arm, grid: StationGrid, loads: Loads) -> FloatArray:
-    """Forces at stations (stations, 3) [N] with the moment of those of ``loads`` between them.
+    """Return forces at the stations (stations, 3) [N] with the moment of those of ``loads``.
 
     Raises:
-        MeasurementError: if there are loads of other kinds.
+        MeasurementError: if there are loads in ``loads.others``.
     """
     if loads.others:
         raise MeasurementError('base wrench: loads.others are not covered')

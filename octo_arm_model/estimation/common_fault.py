@@ -1,9 +1,8 @@
-"""What may be so where sensors lie together.
+"""Faults that several sensors have in common.
 
-A load cell and a camera that are wrong by what goes together cannot be told from an arm that
-moved, by nothing that is measured. So where the motion of the tip changes more than it has
-lately, and that of a tension does too or a sensor begins not to be used, the covariance holds for
-some seconds where the arm was, too.
+No measurement distinguishes an arm that moved from a load cell and a camera with consistent
+errors. So the state before a jump stays part of the covariance for some seconds. A jump is a
+sudden change of the tip's motion, together with that of a tension or with a sensor newly unused.
 """
 
 from __future__ import annotations
@@ -18,29 +17,29 @@ from octo_arm_model.estimation.gaussian import Gaussian
 from octo_arm_model.estimation.model import Prediction
 from octo_arm_model.estimation.rules import Doubts
 
-_SUDDEN = 4.0  # times the usual difference of two changes, of tensions and of the tip that jump
-_STILL = 1e-3  # of the length, by which the tip may always move
-_LATELY, _FEWEST = 20, 2  # steps over which that is averaged, and from which on it is known
-_WEIGHT = 0.1  # probability of a sensor to lie where a load cell does
-_LASTING, _LEAST = 5.0, 0.02  # [s] in which it falls by e, and where it is forgotten
+_SUDDEN = 4.0  # ratio of the difference of two changes to the usual one, from which it is a jump
+_STILL = 1e-3  # fraction of the length by which the tip may always move
+_LATELY, _FEWEST = 20, 2  # steps to average the usual difference over, and steps to know it
+_WEIGHT = 0.1  # probability that a sensor is wrong if a load cell is
+_LASTING, _LEAST = 5.0, 0.02  # [s] in which the probability falls by e; its least value
 
 
 class CommonFault(NamedTuple):
-    """A fault that several sensors may have in common.
+    """The possibility of a fault that several sensors have in common.
 
     Attributes:
-        before: what was known before they jumped, without all since; None where they did not.
-        weight: its probability.
-        moved: change of all tensions [N] and the tip's position [m] in the last step; None before
-            the second.
-        usual: mean squares of what these changes differ by from those before [N^2, m^2].
-        steps: how many.
+        earlier: the state before the jump, without measurements since then; None without a jump.
+        weight: probability of the fault.
+        changes: change of all tensions [N] and of the tip's position [m] in the last step; None
+            before the second step.
+        usual: mean squares of the differences of these changes from the previous ones [N^2, m^2].
+        steps: number of averaged steps.
         unused: sensors that were not used in the last step.
     """
 
-    before: Gaussian | None = None
+    earlier: Gaussian | None = None
     weight: float = 0.0
-    moved: FloatArray | None = None
+    changes: FloatArray | None = None
     usual: FloatArray = np.zeros(1)
     steps: int = 0
     unused: Doubts = frozenset()
@@ -49,40 +48,41 @@ class CommonFault(NamedTuple):
         self,
         elapsed: float,
         expected: Gaussian,
-        at: Prediction,
+        prediction: Prediction,
         change: FloatArray,
         heard: Doubts,
         unused: Doubts,
     ) -> CommonFault:
-        """The same ``elapsed`` [s] later, with a ``change`` from what was ``expected``.
+        """Return the possibility ``elapsed`` [s] later, after a ``change`` (n,) of the state.
 
-        That of the state, ``at`` a prediction of it; sensors other than load cells were ``heard``,
-        and some sensors ``unused``.
+        The change is from the mean of the ``expected`` distribution, near the ``prediction``. The
+        sensors ``heard`` are those other than load cells; those ``unused`` are of any kind.
         """
-        state, weight, before = at.model.state, math.exp(-elapsed / _LASTING) * self.weight, None
-        if self.before is not None and weight >= _LEAST:
-            before = state.later(self.before, elapsed)
-        moved = np.concatenate([change[state.tension], at.change.tip[:3] @ change])
-        found = self._replace(before=before, weight=weight, moved=moved, unused=unused)
-        if self.moved is None:
-            return found
-        sudden = moved - self.moved
-        squares = np.append(sudden[:-3] ** 2, sudden[-3:] @ sudden[-3:])
+        state, earlier = prediction.model.state, None
+        weight = math.exp(-elapsed / _LASTING) * self.weight
+        if self.earlier is not None and weight >= _LEAST:
+            earlier = state.later(self.earlier, elapsed)
+        changes = np.concatenate([change[state.tension], prediction.change.tip[:3] @ change])
+        fault = self._replace(earlier=earlier, weight=weight, changes=changes, unused=unused)
+        if self.changes is None:
+            return fault
+        difference = changes - self.changes
+        squares = np.append(difference[:-3] ** 2, difference[-3:] @ difference[-3:])
         steps = min(self.steps + 1, _LATELY)
         usual = self.usual + (squares - self.usual) / steps
-        found = found._replace(usual=usual, steps=steps)
+        fault = fault._replace(usual=usual, steps=steps)
         is_sudden = squares > _SUDDEN**2 * self.usual
-        is_sudden[-1] &= squares[-1] > (_STILL * at.model.arm.length) ** 2
+        is_sudden[-1] &= squares[-1] > (_STILL * prediction.model.arm.length) ** 2
         is_jump = is_sudden[-1] and (is_sudden[:-1].any() or unused - self.unused)
-        if before is not None or steps <= _FEWEST or not heard or not is_jump:
-            return found
-        return found._replace(before=expected, weight=_WEIGHT ** max(1, len(heard - unused)))
+        if earlier is not None or steps <= _FEWEST or not heard or not is_jump:
+            return fault
+        return fault._replace(earlier=expected, weight=_WEIGHT ** max(1, len(heard - unused)))
 
-    def held(self, known: Gaussian) -> Gaussian:
-        """What is ``known``, with a covariance that holds what was before."""
-        if self.before is None:
+    def mixture(self, known: Gaussian) -> Gaussian:
+        """Return the ``known`` state, with a covariance that contains the state before."""
+        if self.earlier is None:
             return known
-        away = self.before.mean - known.mean
-        each = [(1.0 - self.weight, known.root), (self.weight, self.before.root)]
-        covariance = sum(weight * root @ root.T for weight, root in each)
-        return Gaussian.of(known.mean, covariance + self.weight * np.outer(away, away))
+        difference = self.earlier.mean - known.mean
+        components = [(1.0 - self.weight, known.root), (self.weight, self.earlier.root)]
+        covariance = sum(weight * root @ root.T for weight, root in components)
+        return Gaussian.of(known.mean, covariance + self.weight * np.outer(difference, difference))

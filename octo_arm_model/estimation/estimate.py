@@ -1,4 +1,4 @@
-"""What is known of an arm at one time, and the external wrench in it."""
+"""The estimate of an arm at one time, and the external wrench in it."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from octo_arm_model.rod.backbone import Backbone
 
 @dataclass(frozen=True)
 class Estimate:
-    """Normal distribution of the state and of the shape at one time, and how it came about.
+    """The normal distribution of the state and of the shape at one time.
 
     Attributes:
-        time: [s].
-        first: time of the first one of all [s].
-        measurements: made then.
-        bank: all hypotheses after.
-        known: the mean of the leader, and a covariance that holds what others think possible.
-        at: a prediction nearly of this mean.
-        innovations: of every measurement, linear ones first, then of every load cell refused; none
-            of what the leader does not use though it may be right.
-        accepted: what was used, linear measurements first.
-        normalised_square: of all that was used together, and of how many numbers.
-        log_likelihood: of all measurements; of one not used as if it were at the gate.
-        doubted: names of the sensors that lie more probably than not, see `Rules`.
-        suspects: where there are none, names of the fewest of which one more probably lies.
-        contradicted_since: since when even the leader is contradicted [s]; None if it is not.
-        patience: how many times as long as usual it takes to begin anew.
-        common_fault: what may be so where sensors lie together.
-        begins_anew: whether it is of the prior and its own measurements alone.
+        time: time of the estimate [s].
+        first: time of the first estimate [s].
+        measurements: measurements at this time.
+        bank: all hypotheses after them.
+        known: mean of the leader, with a covariance that contains the other hypotheses.
+        prediction: a prediction near this mean.
+        innovations: of every measurement, linear ones first, then of every refused load cell;
+            none of sensors that the leader does not use but that may be right.
+        accepted: measurements that were used, linear ones first.
+        normalised_square: normalised square of all numbers that were used, and their number.
+        log_likelihood: of all measurements; one that was not used counts as if at the gate.
+        doubted: names of the sensors that are wrong with a probability of over a half.
+        suspects: if there are none, names of the smallest set of which one is probably wrong.
+        contradicted_since: time since which even the leader is contradicted [s]; None if it isn't.
+        patience: factor on the time until a contradicted estimate begins anew.
+        common_fault: the possibility of a fault that several sensors have in common.
+        begins_anew: whether it depends on the prior and its own measurements alone.
     """
 
     time: float
@@ -51,7 +51,7 @@ class Estimate:
     measurements: tuple[Measurement, ...]
     bank: Bank
     known: Gaussian
-    at: Prediction
+    prediction: Prediction
     innovations: tuple[Innovation, ...]
     accepted: tuple[Rows, ...]
     normalised_square: tuple[float, int]
@@ -64,47 +64,49 @@ class Estimate:
     begins_anew: bool
 
     def is_lost(self, time: float, recover_after: float) -> bool:
-        """Whether it has been contradicted for so long at ``time`` [s] as to begin anew."""
+        """Return whether it is contradicted for so long at ``time`` [s] that it begins anew."""
         since = self.contradicted_since
         if since is None or not recover_after:
             return False
         return time - since >= self.patience * recover_after
 
-    def innovations_after(self, before: Estimate | None) -> tuple[Innovation, ...]:
-        """Those that are new after the one ``before``, which is of the same time.
+    def innovations_after(self, previous: Estimate | None) -> tuple[Innovation, ...]:
+        """Return the innovations that a ``previous`` estimate of the same time does not have.
 
-        What was accepted then and is refused now is new too.
+        A measurement that was accepted there and is refused here is new too.
         """
-        known = {one.name: one.is_accepted for one in before.innovations} if before else {}
+        earlier = previous.innovations if previous else ()
+        was_accepted = {entry.name: entry.is_accepted for entry in earlier}
         return tuple(
-            one
-            for one in self.innovations
-            if (was := known.get(one.name)) is None or (was and not one.is_accepted)
+            entry
+            for entry in self.innovations
+            if entry.name not in was_accepted
+            or (was_accepted[entry.name] and not entry.is_accepted)
         )
 
     @property
     def state(self) -> State:
-        """What the vector of the state holds."""
-        return self.at.model.state
+        """The layout of the state vector."""
+        return self.prediction.model.state
 
     @property
     def mean(self) -> FloatArray:
-        """Of the state, (n,)."""
+        """Mean of the state, (n,)."""
         return self.known.mean
 
     @property
     def root(self) -> FloatArray:
-        """Root of the covariance of the state, (n, n)."""
+        """Lower triangular square root of the covariance of the state, (n, n)."""
         return self.known.root
 
     @property
     def elapsed(self) -> float:
-        """Since the first one of all [s]."""
+        """Time since the first estimate [s]."""
         return self.time - self.first
 
     @functools.cached_property
     def prior_stddev(self) -> FloatArray:
-        """Of the state had nothing been measured, (n,)."""
+        """Standard deviation of the state without any measurement, (n,)."""
         return self.state.prior_stddev(self.elapsed)
 
     @functools.cached_property
@@ -114,24 +116,24 @@ class Estimate:
 
     @functools.cached_property
     def backbone(self) -> Backbone:
-        """Shape in the mean, with the tensions and the wrench on the tip estimated.
+        """Shape in the mean state, with the estimated tensions and wrench on the tip.
 
-        To first order from a state nearby: a tenth of a standard deviation off at most.
+        It is of first order about a state at most a tenth of a standard deviation away.
         """
-        return self.at.backbone_at(self.mean)
+        return self.prediction.backbone_at(self.mean)
 
     @functools.cached_property
     def pose_covariance(self) -> FloatArray:
-        """Of position [m] and rotation vector [rad] of every station, (stations, 6, 6)."""
-        pose = self.at.change.pose
-        # As one product: of many small ones calls take most of the time.
+        """Covariance of position [m] and rotation [rad] of every station, (stations, 6, 6)."""
+        pose = self.prediction.change.pose
+        # One large product is faster than many small ones.
         root = (pose.reshape(-1, pose.shape[-1]) @ self.root).reshape(pose.shape)
         return root @ root.transpose(0, 2, 1)
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Names of the measurements of this time that are refused: they contradict the rest."""
-        return tuple(one.name for one in self.innovations if not one.is_accepted)
+        """Names of the measurements of this time that are refused, as they contradict the rest."""
+        return tuple(entry.name for entry in self.innovations if not entry.is_accepted)
 
     @property
     def tensions(self) -> FloatArray:
@@ -140,7 +142,7 @@ class Estimate:
 
     @property
     def tension_bias(self) -> FloatArray:
-        """What the load cells show too much [N], (tendons,); empty where not estimated."""
+        """Constant errors of the load cells [N], (tendons,); empty if not estimated."""
         return self.mean[self.state.tension_bias]
 
     @property
@@ -150,10 +152,10 @@ class Estimate:
 
     @property
     def tip_wrench_covariance(self) -> FloatArray:
-        """Covariance of `tip_wrench`, zero of what is not estimated, (6, 6)."""
+        """Covariance of `tip_wrench`, (6, 6); zero for components that are not estimated."""
         by_state = np.zeros((6, self.state.size))
-        for first, where in ((0, self.state.tip_force), (3, self.state.tip_moment)):
-            np.fill_diagonal(by_state[first : first + 3, where], 1.0)
+        for row, components in ((0, self.state.tip_force), (3, self.state.tip_moment)):
+            np.fill_diagonal(by_state[row : row + 3, components], 1.0)
         return np.asarray(by_state @ self.covariance @ by_state.T)
 
     @property
@@ -163,51 +165,50 @@ class Estimate:
 
     @functools.cached_property
     def unobserved(self) -> tuple[UnobservedDirection, ...]:
-        """Directions of the state that the measurements so far have told nothing of."""
+        """Directions of the state that no measurement has determined so far."""
         prior, names = self.prior_stddev, self.state.names
-        _, left, axes = np.linalg.svd((self.root / prior[:, np.newaxis]).T, full_matrices=False)
+        _, ratios, axes = np.linalg.svd((self.root / prior[:, np.newaxis]).T, full_matrices=False)
         return tuple(
-            UnobservedDirection(float(part), axis * prior, _in_words(axis, names))
-            for part, axis in zip(left, axes, strict=True)
-            if part >= _LEFT
+            UnobservedDirection(float(ratio), direction * prior, _in_words(direction, names))
+            for ratio, direction in zip(ratios, axes, strict=True)
+            if ratio >= _UNOBSERVED
         )
 
 
-# Nothing was learnt where this part of the standard deviation of the prior is left.
-_LEFT = 0.99
-_PART = 0.1  # of its largest, that a component of a direction has to be mentioned
+_UNOBSERVED = 0.99  # ratio of posterior to prior deviation from which a direction is unobserved
+_LEAST = 0.1  # least component of a direction in its words, over the largest one
 
 
 class UnobservedDirection(NamedTuple):
-    """A direction of the state in which nothing was learnt: there it keeps its prior.
+    """A direction of the state that no measurement has determined, so that it keeps its prior.
 
     Attributes:
-        left: part of the standard deviation of the prior that is left in it [-].
-        direction: change of the state in it, of one standard deviation of the prior, (n,).
+        ratio: ratio of the standard deviation in this direction to that of the prior [-].
+        direction: change of the state by one standard deviation of the prior, (n,).
         reason: the direction in words.
     """
 
-    left: float
+    ratio: float
     direction: FloatArray
     reason: str
 
 
 def _in_words(axis: FloatArray, names: Sequence[str]) -> str:
-    """A direction in standard deviations of the prior."""
+    """Return the words for a direction ``axis`` (n,) in standard deviations of the prior."""
     parts = axis / axis[np.abs(axis).argmax()]
-    words = [f'{part:+.2g} {name}' for name, part in zip(names, parts) if abs(part) >= _PART]
+    words = [f'{part:+.2g} {name}' for name, part in zip(names, parts) if abs(part) >= _LEAST]
     if len(words) == 1:
         return f'{words[0].split(" ", 1)[1]} keeps its prior'
     return f'changed together, {", ".join(words)} keep their prior'
 
 
 class Contact(NamedTuple):
-    """An estimated wrench in base_frame.
+    """An estimated external wrench in base_frame.
 
     Attributes:
-        s: where it acts [m]; NaN of a current, whose force acts along the whole arm.
+        s: arc coordinate of the contact [m]; NaN for a current, which acts on the whole arm.
         wrench: force and moment, (6,) [N, N m].
-        covariance: theirs, zero of what is not estimated, (6, 6).
+        covariance: covariance of the wrench, (6, 6); zero for components not estimated.
         is_at_tip: whether it is that of `Unknowns.tip_force` or `tip_moment`.
     """
 
@@ -221,9 +222,9 @@ NO_CONTACT = Contact(math.nan, np.zeros(6), np.zeros((6, 6)))
 
 
 def contact_of(estimate: Estimate, arm: Arm) -> Contact | None:
-    """The wrench on the tip of ``arm``, else the first point force, else the current's resultant.
+    """Return the wrench on the tip of ``arm``, the first point force, or the current's resultant.
 
-    None where the state holds none of them. Known loads on the tip are part of a wrench on it.
+    It is the first one that is estimated, else None. A wrench on the tip includes known loads.
     """
     state, unknowns = estimate.state, estimate.state.unknowns
     if unknowns.tip_force or unknowns.tip_moment:
@@ -231,13 +232,13 @@ def contact_of(estimate: Estimate, arm: Arm) -> Contact | None:
         return Contact(arm.length, wrench, covariance, is_at_tip=True)
     s, scale = math.nan, 1.0
     if unknowns.point_forces:
-        s, where = unknowns.point_forces[0].s, state.point_forces
+        s, components = unknowns.point_forces[0].s, state.point_forces
     elif unknowns.current:
-        where, scale = state.current, facing_area(arm)
+        components, scale = state.current, facing_area(arm)
     else:
         return None
-    first = slice(where.start, where.start + 3)
+    force = slice(components.start, components.start + 3)
     wrench, covariance = np.zeros(6), np.zeros((6, 6))
-    wrench[:3] = scale * estimate.mean[first]
-    covariance[:3, :3] = scale**2 * estimate.covariance[first, first]
+    wrench[:3] = scale * estimate.mean[force]
+    covariance[:3, :3] = scale**2 * estimate.covariance[force, force]
     return Contact(s, wrench, covariance)

@@ -1,9 +1,9 @@
-"""The estimator of an arm: whatever is measured in; shape and contact force out.
+"""The estimator of an arm: from measurements to its shape and the contact force.
 
-`Filter` is of one model. `Estimator` is the one loop of the node and of the bag tool, by stamps:
-where the place of a contact is unknown there is a bank of sensors for each place, and the truth
-may change from one to another at any time (first-order multiple-model estimator, Bar-Shalom, Li
-and Kirubarajan 2001, 11.6).
+`Filter` follows one model. `Estimator` is the loop of the node and of the bag tool, whose times
+are stamps. If the place of a contact is unknown it has one bank of hypotheses for each place, and
+the contact may move from one to another at any time (first-order multiple-model estimator,
+Bar-Shalom, Li and Kirubarajan 2001, 11.6).
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from octo_arm_model.estimation.rules import Consistency, Innovation, Rules, coun
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.step import EVALUATIONS, ITERATIONS, next_estimate
 
-MAX_MOMENTS = 1000  # that are kept so that measurements may come late
+MAX_MOMENTS = 1000  # largest number of moments that are stored for late measurements
 
 
 class EstimatorOutput(NamedTuple):
-    """What is known after a message.
+    """The output of the estimator after a message.
 
     Attributes:
-        estimate: the newest one, by the most probable place of contact.
+        estimate: the newest estimate, by the most probable place of contact.
         hypothesis: name of this place.
-        probabilities: of all of them.
-        innovations: of the measurements that were added, also where they were late.
-        begins_anew: whether what was known before was given up.
+        probabilities: probabilities of all places, by name.
+        innovations: innovations of the measurements of the message, also if they were late.
+        begins_anew: whether the estimate began anew from the prior.
     """
 
     estimate: Estimate
@@ -48,10 +48,9 @@ class EstimatorOutput(NamedTuple):
 
 
 class _Moment(NamedTuple):
-    """One time, what was measured then, and the newest estimate of each place of contact.
+    """The measurements of one time, and the newest estimate for each place of contact.
 
-    That is an earlier one where the arm had no trustworthy shape, None where it never had; the
-    probability is zero then.
+    Without a trustworthy shape the estimate is an earlier one or None, and its probability is 0.
     """
 
     time: float
@@ -61,19 +60,19 @@ class _Moment(NamedTuple):
 
 
 class Estimator:
-    """Follows one arm.
+    """The estimator of one arm.
 
-    What different sensors measured at one time is judged together, whichever of their messages
-    comes first. What is late is put in its place, and what followed is done again.
+    Measurements of different sensors at one time are processed together, in any order of their
+    messages. A late measurement is inserted at its time, and later ones are processed again.
 
     Attributes:
-        consistency: of each kind of measurement, by its name.
-        refused_since: stamp of the first message since which a sensor has been refused [ns].
-        suspects: names of the fewest sensors of which one lies, where no single one is refused.
-        late: how many messages came later than the window.
-        failed: at how many times the arm had no trustworthy shape.
-        restarts: how often it began anew.
-        origin_ns: stamp that times count from [ns]; None before the first.
+        consistency: statistics of each kind of measurement, by its name.
+        refused_since: stamp since which each refused sensor has been refused [ns], by its name.
+        suspects: names of the smallest set of sensors of which one is wrong, if none is refused.
+        late: number of messages that came later than the window.
+        failed: number of times at which the arm had no trustworthy shape.
+        restarts: number of times that the estimate began anew.
+        origin_ns: stamp of the time zero [ns]; None before the first message.
     """
 
     def __init__(
@@ -83,10 +82,10 @@ class Estimator:
         window: float = 0.0,
         change_time: float = math.inf,
     ) -> None:
-        """Of one ``model`` for each place of contact, by name, equally probable at first.
+        """Begin with one of ``models`` for each place of contact, by name, equally probable.
 
-        Measurements may come up to ``window`` [s] late; the contact is at another place once in
-        ``change_time`` [s].
+        Measurements may come up to ``window`` [s] late. The contact moves to another place once
+        in ``change_time`` [s] on average.
 
         Raises:
             MeasurementError: if a number is outside its range, or there is no model.
@@ -116,145 +115,146 @@ class Estimator:
     def from_settings(
         cls, settings: EstimatorSettings, models: Mapping[str, ArmModel], window: float
     ) -> Estimator:
-        """Of ``models`` of ``settings``, for measurements up to ``window`` [s] late."""
+        """Return the estimator by ``settings`` for measurements up to ``window`` [s] late."""
         return cls(models, settings.rules, window, settings.change_time)
 
     def add(self, stamp_ns: int, measurements: Sequence[Measurement]) -> EstimatorOutput:
-        """Take ``measurements`` made at ``stamp_ns`` [ns].
+        """Process ``measurements`` of the time ``stamp_ns`` [ns], and return the newest estimate.
 
-        Where it fails nothing changes but the counts.
+        If it fails, only the counts change.
 
         Raises:
-            MeasurementError: if they come too late, or do not fit the arm.
+            MeasurementError: if the measurements come too late, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape.
         """
-        for one in measurements:
-            check_class('a measurement', one, Measurement)
+        for measurement in measurements:
+            check_class('a measurement', measurement, Measurement)
         origin = stamp_ns if self.origin_ns is None else self.origin_ns
         count = len(self._models)
         share = max(2, EVALUATIONS // count), max(10, ITERATIONS // count)
         work = [Work(*share) for _ in range(count)]
-        time, made, is_new = 1e-9 * (stamp_ns - origin), tuple(measurements), False
+        time, new, is_new = 1e-9 * (stamp_ns - origin), tuple(measurements), False
         try:
-            moments, place, before = self._with(self._moments, time, made, work)
+            moments, index, replaced = self._with_measurements(self._moments, time, new, work)
         except SolveError:
             self.failed += 1
             if self._failing_since is None:
                 self._failing_since = time
             if not 0.0 < self._rules.recover_after <= time - self._failing_since:
                 raise
-            moments, place, before = self._with([], time, made, work)
+            moments, index, replaced = self._with_measurements([], time, new, work)
             self._is_cut, is_new = False, True
         self.origin_ns, self._failing_since = origin, None
-        added, newest = moments[place], moments[-1]
-        # The moment before the window is what a late measurement begins from.
-        since = bisect.bisect_left([one.time for one in moments], newest.time - self._window)
+        added, newest = moments[index], moments[-1]
+        # A late measurement needs the moment before the window.
+        since = bisect.bisect_left([old.time for old in moments], newest.time - self._window)
         first = max(0, since - 1, len(moments) - MAX_MOMENTS)
         self._moments, self._is_cut = moments[first:], self._is_cut or first > 0
-        number = int(newest.probability.argmax())
-        estimate, own = newest.estimates[number], added.estimates[number]
+        best = int(newest.probability.argmax())
+        estimate, added_estimate = newest.estimates[best], added.estimates[best]
         assert estimate is not None
         innovations: tuple[Innovation, ...] = ()
-        if own is not None:
-            innovations = own.innovations_after(before and before.estimates[number])
-            self._note_refused(stamp_ns, own)
+        if added_estimate is not None:
+            innovations = added_estimate.innovations_after(replaced and replaced.estimates[best])
+            self._note_refused(stamp_ns, added_estimate)
         begins_anew = is_new or (estimate.begins_anew and added is newest)
         self.restarts += begins_anew
         count_innovations(self.consistency, stamp_ns, innovations)
         names = list(self._models)
         probabilities = dict(zip(names, newest.probability.tolist(), strict=True))
-        return EstimatorOutput(estimate, names[number], probabilities, innovations, begins_anew)
+        return EstimatorOutput(estimate, names[best], probabilities, innovations, begins_anew)
 
     def _note_refused(self, stamp_ns: int, estimate: Estimate) -> None:
-        """Note since when sensors have been refused, of which an ``estimate`` heard."""
-        refused = {one.name for one in estimate.innovations if not one.is_accepted}
+        """Note since when the sensors of an ``estimate`` have been refused."""
+        innovations, prediction = estimate.innovations, estimate.prediction
+        refused = {new.name for new in innovations if not new.is_accepted}
         for name in refused:
             self.refused_since.setdefault(name, stamp_ns)
-        heard = {name for one in estimate.measurements for name in one.channels(estimate.at)}
-        heard |= {one.name for one in estimate.innovations}
+        heard = {name for new in estimate.measurements for name in new.channels(prediction)}
+        heard |= {new.name for new in innovations}
         for name in (heard - refused) & self.refused_since.keys():
             del self.refused_since[name]
         self.suspects = estimate.suspects
 
-    def _with(
+    def _with_measurements(
         self,
         moments: list[_Moment],
         time: float,
-        made: tuple[Measurement, ...],
+        measurements: tuple[Measurement, ...],
         work: Sequence[Work],
     ) -> tuple[list[_Moment], int, _Moment | None]:
-        """With what was ``made``, where that is among them, and the one that it is put into."""
-        place, before = bisect.bisect_right([one.time for one in moments], time), None
-        # Of two sensors the one measured first may be heard second: it begins the window then.
-        if moments and not place and (self._is_cut or time < moments[-1].time - self._window):
+        """Return the moments with new ``measurements``, their index, and the moment replaced."""
+        index, replaced = bisect.bisect_right([moment.time for moment in moments], time), None
+        # The first measurement of all may come second; then it is put before the other one.
+        if moments and not index and (self._is_cut or time < moments[-1].time - self._window):
             self.late += 1
             raise MeasurementError(
                 f'measured at {time:.6g} s, before the window, which begins at '
                 f'{moments[0].time:.6g} s'
             )
-        # Without the moment before it one cannot be done again.
-        if place > self._is_cut and moments[place - 1].time == time:
-            names = {one.name for one in moments[place - 1].measurements}
-            if not any(one.name in names for one in made):
-                place, before = place - 1, moments[place - 1]
-                made = before.measurements + made
-        found = moments[:place]
-        found.append(self._next(found[-1] if found else None, time, made, before, work))
-        for later in moments[place + (before is not None) :]:
-            found.append(self._next(found[-1], later.time, later.measurements, later, work))
-        return found, place, before
+        # A moment can be computed again only if the one before it is stored.
+        if index > self._is_cut and moments[index - 1].time == time:
+            names = {old.name for old in moments[index - 1].measurements}
+            if not any(new.name in names for new in measurements):
+                index, replaced = index - 1, moments[index - 1]
+                measurements = replaced.measurements + measurements
+        last = moments[index - 1] if index else None
+        updated = [*moments[:index], self._next_moment(last, time, measurements, replaced, work)]
+        for old in moments[index + (replaced is not None) :]:
+            updated.append(self._next_moment(updated[-1], old.time, old.measurements, old, work))
+        return updated, index, replaced
 
-    def _next(
+    def _next_moment(
         self,
         last: _Moment | None,
         time: float,
-        made: tuple[Measurement, ...],
-        near: _Moment | None,
+        measurements: tuple[Measurement, ...],
+        nearby: _Moment | None,
         work: Sequence[Work],
     ) -> _Moment:
-        """From the ``last`` moment to ``time`` [s]; looked for from one ``near``, if any.
+        """Return the moment at ``time`` [s] after the ``last``; search from ``nearby``, if any.
 
         Raises:
             SolveError: if the arm has no trustworthy shape wherever the contact is.
         """
         count = len(self._models)
-        before, changed = np.full(count, 1.0 / count), 0.0
+        before, moved = np.full(count, 1.0 / count), 0.0
         estimates: list[Estimate | None] = [None] * count
         if last is not None:
             before, estimates = last.probability, list(last.estimates)
-            changed = -math.expm1(-(time - last.time) / self._change_time)
+            moved = -math.expm1(-(time - last.time) / self._change_time)
         likelihoods, failure = np.full(count, -math.inf), None
         for number, model in enumerate(self._models.values()):
-            nearby = near and near.estimates[number]
+            last_estimate, start = estimates[number], nearby and nearby.estimates[number]
             try:
-                found = next_estimate(
-                    model, estimates[number], time, made, self._rules, nearby, work[number]
+                estimate = next_estimate(
+                    model, last_estimate, time, measurements, self._rules, start, work[number]
                 )
             except SolveError as error:
                 failure = error
                 continue
-            estimates[number] = found
-            likelihoods[number] = found.log_likelihood
+            estimates[number] = estimate
+            likelihoods[number] = estimate.log_likelihood
         with np.errstate(divide='ignore'):
-            logarithms = np.log((1.0 - changed) * before + changed / count) + likelihoods
+            logarithms = np.log((1.0 - moved) * before + moved / count) + likelihoods
         highest = logarithms.max()
         if failure is not None and highest == -math.inf:
             raise failure
         probability = np.exp(logarithms - highest)
-        return _Moment(time, made, tuple(estimates), probability / probability.sum())
+        return _Moment(time, measurements, tuple(estimates), probability / probability.sum())
 
 
 class Filter:
-    """The recursive estimator of one arm, an `Estimator` by seconds.
+    """The recursive estimator of one model: an `Estimator` whose times are in seconds.
 
     Attributes:
-        model: the arm.
-        innovations: of the last that were added.
-        last: the newest estimate.
+        model: the model of the arm.
+        innovations: innovations of the last measurements.
+        last: the newest estimate; None before the first.
     """
 
     def __init__(self, model: ArmModel, window: float = 0.0, rules: Rules = Rules()) -> None:
-        """Of ``model``, for measurements up to ``window`` [s] late, judged by ``rules``.
+        """Begin at the prior of ``model``; measurements may come up to ``window`` [s] late.
 
         Raises:
             MeasurementError: if a number is outside its range.
@@ -267,26 +267,26 @@ class Filter:
 
     @property
     def refused(self) -> dict[str, int]:
-        """How many measurements were refused, by name."""
+        """Number of refused measurements of each kind, by name."""
         kinds = self._estimator.consistency
-        return {name: one.refused for name, one in kinds.items() if one.refused}
+        return {name: kind.refused for name, kind in kinds.items() if kind.refused}
 
     @property
     def late(self) -> int:
-        """How many measurements came later than the window."""
+        """Number of messages that came later than the window."""
         return self._estimator.late
 
     def add(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
-        """Take ``measurements`` made at ``time`` [s]; returns the newest estimate.
+        """Process ``measurements`` of a ``time`` [s], and return the newest estimate.
 
-        Where it fails the filter is as it was.
+        If it fails, the filter does not change.
 
         Raises:
-            MeasurementError: if they come later than the window, or do not fit the arm.
+            MeasurementError: if the measurements come too late, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape.
         """
         if not math.isfinite(time):
             raise MeasurementError(f'time is {time}, expected a finite number [s]')
-        found = self._estimator.add(round(1e9 * time), measurements)
-        self.last, self.innovations = found.estimate, found.innovations
-        return found.estimate
+        output = self._estimator.add(round(1e9 * time), measurements)
+        self.last, self.innovations = output.estimate, output.innovations
+        return output.estimate

@@ -1,7 +1,7 @@
-"""Normal distribution of a state, and linear measurements of it.
+"""Normal distributions of a state, and the linear algebra of their updates.
 
-Covariances are kept as square roots, which stay exact where something is known a million times
-better than something else (array algorithm, Kailath, Sayed and Hassibi 2000, chapter 12).
+Covariances are stored as square roots, which stay exact if one component is known a million times
+better than another (array algorithm, Kailath, Sayed and Hassibi 2000, chapter 12).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Gaussian(NamedTuple):
     """Normal distribution of a state.
 
     Attributes:
-        mean: (n,).
+        mean: mean of the state, (n,).
         root: lower triangular square root of the covariance, (n, n).
     """
 
@@ -29,10 +29,10 @@ class Gaussian(NamedTuple):
 
     @classmethod
     def of(cls, mean: FloatArray, covariance: FloatArray) -> Gaussian:
-        """Of a ``covariance`` (n, n).
+        """Return the distribution with a ``mean`` (n,) and a ``covariance`` (n, n).
 
         Raises:
-            LinAlgError: if it is not positive definite.
+            LinAlgError: if the covariance is not positive definite.
         """
         upper, failed = dpotrf(covariance, lower=0)
         if failed:
@@ -41,9 +41,9 @@ class Gaussian(NamedTuple):
 
 
 def spread(jacobian: FloatArray) -> FloatArray:
-    """Root (n, n) of the covariance after measurements, by that before: upper triangular.
+    """Return the factor of the root of the covariance by an update, (n, n), upper triangular.
 
-    They have a ``jacobian`` (m, n), in standard deviations of noise per those before.
+    The ``jacobian`` (m, n) is in standard deviations of noise per prior standard deviation.
     """
     identity = np.eye(jacobian.shape[1])
     root = lower_root(np.concatenate([jacobian.T, identity], axis=1))
@@ -51,8 +51,8 @@ def spread(jacobian: FloatArray) -> FloatArray:
 
 
 def solve_lower(root: FloatArray, right: FloatArray, *, is_transposed: bool = False) -> FloatArray:
-    """``right`` (n,) or (n, m) divided by lower triangular ``root``, or its transpose."""
-    # BLAS is called directly: of matrices this small NumPy's checks take most of the time.
+    """Solve for ``right`` (n,) or (n, m) by a lower triangular ``root``, or by its transpose."""
+    # BLAS is called directly, as NumPy's checks take longer than matrices this small.
     trans = 0 if is_transposed else 1
     if right.ndim == 1:
         return np.asarray(dtrsv(root.T, right, lower=0, trans=trans))
@@ -60,19 +60,19 @@ def solve_lower(root: FloatArray, right: FloatArray, *, is_transposed: bool = Fa
 
 
 def lower_root(array: FloatArray) -> FloatArray:
-    """Lower triangular root of the product of ``array`` (n, k) and its transpose."""
+    """Return the lower triangular root of the product of ``array`` (n, k) and its transpose."""
     factor = dgeqrf(array.T)[0][: len(array)].T
-    # Columns of either sign are a root: make it that of Cholesky.
+    # The signs of the columns are free: take those of the Cholesky factor.
     return np.asarray(_lower(len(array)) * factor * np.copysign(1.0, factor.diagonal()))
 
 
 @functools.lru_cache(maxsize=64)
 def _lower(size: int) -> FloatArray:
-    """Lower triangular matrix (``size``, ``size``) of ones."""
+    """Return the lower triangular matrix (``size``, ``size``) of ones."""
     return np.tri(size)
 
 
 def square_of(residual: FloatArray, root: FloatArray) -> float:
-    """Square of a ``residual`` (m,) in standard deviations; ``root`` is of its covariance."""
+    """Return the squared norm of a ``residual`` (m,) whose covariance has the ``root`` (m, m)."""
     white = solve_lower(root, residual)
     return float(white @ white)

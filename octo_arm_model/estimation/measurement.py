@@ -1,4 +1,4 @@
-"""What every measurement of an arm is: value, covariance, what a state predicts, derivatives."""
+"""A measurement of an arm: value, covariance, prediction by a state, and derivatives."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.validation import LARGEST, SMALLEST, real_numbers
 from octo_arm_model.estimation.model import Prediction
 
-_LARGEST = 1000  # numbers in one measurement
+_LARGEST = 1000  # largest number of values in one measurement
 
 
 class Measurement(abc.ABC):
-    """Something measured.
+    """A measurement of an arm.
 
     Attributes:
-        name: of its kind.
-        is_linear: whether it depends on the state alone, linearly, and not on the shape.
-        value: what was measured, (m,).
-        covariance: of its error, (m, m).
+        name: name of its kind.
+        is_linear: whether it is a linear function of the state that does not depend on the shape.
+        value: the measured numbers, (m,).
+        covariance: covariance of their errors, (m, m).
     """
 
     name: str
     is_linear: ClassVar[bool] = False
 
     def __init__(self, value: ArrayLike, noise: ArrayLike) -> None:
-        """Take ``value`` with ``noise``.
+        """Check and store a ``value`` with its ``noise``.
 
-        That is one standard deviation for all numbers, one for each, (m,), or a covariance
+        The noise is one standard deviation for all numbers, one for each, (m,), or a covariance
         (m, m).
 
         Raises:
-            MeasurementError: if they are not finite numbers of such sizes, or the noise is no
-                positive definite covariance.
+            MeasurementError: if they are not finite numbers of these sizes, or the covariance is
+                not positive definite.
         """
         self.value = magnitudes(f'{self.name}: value', value).ravel()
         size = self.value.size
@@ -60,10 +60,10 @@ class Measurement(abc.ABC):
             )
         variances, expected = given.diagonal(), 'expected a positive definite covariance'
         if not (variances > 0.0).all():
-            at = int(variances.argmin())
+            number = int(variances.argmin())
             raise MeasurementError(
-                f'{self.name}: the variance of number {at + 1} of {size} is {variances[at]:g}, '
-                f'{expected}'
+                f'{self.name}: the variance of number {number + 1} of {size} is '
+                f'{variances[number]:g}, {expected}'
             )
         self._check_deviations(np.sqrt(variances))
         self.covariance = 0.5 * given + 0.5 * given.T
@@ -75,59 +75,59 @@ class Measurement(abc.ABC):
                 f'{np.linalg.eigvalsh(self.covariance)[0]:g}, {expected}'
             ) from None
 
-    def _check_deviations(self, noise: FloatArray) -> None:
-        wrong = noise[~((noise >= SMALLEST) & (noise <= LARGEST))]
-        if wrong.size:
+    def _check_deviations(self, deviations: FloatArray) -> None:
+        invalid = deviations[~((deviations >= SMALLEST) & (deviations <= LARGEST))]
+        if invalid.size:
             raise MeasurementError(
-                f'{self.name}: noise has a standard deviation of {wrong.flat[0]:g}, expected '
+                f'{self.name}: noise has a standard deviation of {invalid.flat[0]:g}, expected '
                 f'{SMALLEST:g} to {LARGEST:g}'
             )
 
     @abc.abstractmethod
-    def innovation(self, at: Prediction) -> FloatArray:
-        """What was measured less what is predicted, (m,)."""
+    def innovation(self, prediction: Prediction) -> FloatArray:
+        """Return the measured less the predicted value, (m,)."""
 
     @abc.abstractmethod
-    def jacobian(self, at: Prediction) -> FloatArray:
-        """Change of what is predicted by the state, (m, state)."""
+    def jacobian(self, prediction: Prediction) -> FloatArray:
+        """Return the derivatives of the predicted value by the state, (m, state)."""
 
-    def channels(self, at: Prediction) -> tuple[str, ...]:
-        """Name of the sensor of each number, (m,): what is believed or doubted as a whole."""
+    def channels(self, prediction: Prediction) -> tuple[str, ...]:
+        """Return the sensor of each number, (m,); a sensor is used or doubted as a whole."""
         return (self.name,) * self.value.size
 
-    def second(self, at: Prediction) -> FloatArray | None:
-        """Second derivatives of what is predicted by the state, nearly, (m, state, state).
+    def second(self, prediction: Prediction) -> FloatArray | None:
+        """Return approximate second derivatives of the predicted value, (m, state, state).
 
-        None where nothing tells them but differences.
+        None if only finite differences would give them.
         """
         return None
 
-    def check_size(self, expected: int, what: str) -> None:
-        """Check how many numbers there are; ``what`` they should be, in words.
+    def check_size(self, expected: int, meaning: str) -> None:
+        """Check the number of values; ``meaning`` says in words which are expected.
 
         Raises:
-            MeasurementError: if they are not as many as ``expected``.
+            MeasurementError: if the number of values is not ``expected``.
         """
         if self.value.size != expected:
             raise MeasurementError(
-                f'{self.name}: value has {self.value.size} numbers, expected {expected}: {what}'
+                f'{self.name}: value has {self.value.size} numbers, expected {expected}: {meaning}'
             )
 
 
 class Rows:
-    """Numbers of several measurements, one below the other; all of them, or some.
+    """The numbers of several measurements, one below the other; all of them, or some.
 
     Attributes:
-        measurements: they.
-        noise: covariance of their errors, (m, m).
-        noise_root: root of it.
+        measurements: the measurements.
+        noise: covariance of the errors of the numbers, (m, m).
+        noise_root: lower triangular square root of this covariance, (m, m).
     """
 
     def __init__(self, measurements: Sequence[Measurement], some: IntArray | None = None) -> None:
-        """Of ``measurements``, those numbers that are in ``some``; of all if None."""
-        self.measurements, self._some = measurements, some
-        self.noise = _block_diagonal([one.covariance for one in measurements])
-        self.noise_root = _block_diagonal([one.noise_root for one in measurements])
+        """Join the numbers of ``measurements``: those with the indices ``some``; all if None."""
+        self.measurements, self._indices = measurements, some
+        self.noise = _block_diagonal([part.covariance for part in measurements])
+        self.noise_root = _block_diagonal([part.noise_root for part in measurements])
         if some is not None:
             self.noise = self.noise[np.ix_(some, some)]
             self.noise_root = np.asarray(np.linalg.cholesky(self.noise), np.float64)
@@ -136,42 +136,43 @@ class Rows:
         return len(self.noise_root)
 
     def blurred(self, factor: float) -> Rows:
-        """The same, as if they were less exact by a ``factor``."""
-        found = copy.copy(self)
-        found.noise_root = factor * self.noise_root
-        return found
+        """Return the same numbers with standard deviations times a ``factor``."""
+        rows = copy.copy(self)
+        rows.noise_root = factor * self.noise_root
+        return rows
 
-    def only(self, some: IntArray) -> Rows:
-        """Those numbers that are in ``some``."""
-        return self if len(some) == len(self) else Rows(self.measurements, some)
+    def subset(self, indices: IntArray) -> Rows:
+        """Return the numbers at ``indices`` alone."""
+        return self if len(indices) == len(self) else Rows(self.measurements, indices)
 
-    def left(self, at: Prediction) -> FloatArray:
-        """What was measured less what is predicted, (m,)."""
-        return self._those([one.innovation(at) for one in self.measurements])
+    def innovation(self, prediction: Prediction) -> FloatArray:
+        """Return the measured less the predicted numbers, (m,)."""
+        return self._selected([part.innovation(prediction) for part in self.measurements])
 
-    def jacobian(self, at: Prediction) -> FloatArray:
-        """Change of what is predicted by the state, (m, state)."""
-        return self._those([one.jacobian(at) for one in self.measurements])
+    def jacobian(self, prediction: Prediction) -> FloatArray:
+        """Return the derivatives of the predicted numbers by the state, (m, state)."""
+        return self._selected([part.jacobian(prediction) for part in self.measurements])
 
-    def second(self, at: Prediction) -> FloatArray | None:
-        """Second derivatives, zero where they are not known, (m, state, state); None of none."""
-        found = [one.second(at) for one in self.measurements]
-        if all(one is None for one in found):
+    def second(self, prediction: Prediction) -> FloatArray | None:
+        """Return second derivatives, (m, state, state): zero if unknown, None if all are."""
+        known = [part.second(prediction) for part in self.measurements]
+        if all(part is None for part in known):
             return None
-        none = [np.zeros((one.value.size, at.x.size, at.x.size)) for one in self.measurements]
-        return self._those([b if a is None else a for a, b in zip(found, none, strict=True)])
+        size = prediction.x.size
+        zeros = [np.zeros((part.value.size, size, size)) for part in self.measurements]
+        return self._selected([b if a is None else a for a, b in zip(known, zeros, strict=True)])
 
-    def is_bend_known(self, at: Prediction) -> bool:
-        """Whether `second` has all second derivatives."""
-        return all(one.second(at) is not None for one in self.measurements)
+    def has_second(self, prediction: Prediction) -> bool:
+        """Return whether `second` knows all second derivatives."""
+        return all(part.second(prediction) is not None for part in self.measurements)
 
-    def channels(self, at: Prediction) -> tuple[str, ...]:
-        """Name of the sensor of each number, (m,)."""
-        return tuple(name for one in self.measurements for name in one.channels(at))
+    def channels(self, prediction: Prediction) -> tuple[str, ...]:
+        """Return the names of the sensors of the numbers, (m,)."""
+        return tuple(name for part in self.measurements for name in part.channels(prediction))
 
-    def _those(self, parts: Sequence[FloatArray]) -> FloatArray:
-        found = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return found if self._some is None else found[self._some]
+    def _selected(self, parts: Sequence[FloatArray]) -> FloatArray:
+        values = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return values if self._indices is None else values[self._indices]
 
 
 def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
@@ -179,10 +180,10 @@ def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
 
 
 def numbers(name: str, value: ArrayLike) -> FloatArray:
-    """A copy of ``value`` as an array.
+    """Return a copy of ``value`` as an array.
 
     Raises:
-        MeasurementError: if it is not of finite numbers.
+        MeasurementError: if it does not consist of finite numbers.
     """
     array = real_numbers(value)
     if array is None or not np.isfinite(array).all():
@@ -191,14 +192,14 @@ def numbers(name: str, value: ArrayLike) -> FloatArray:
 
 
 def magnitudes(name: str, value: ArrayLike) -> FloatArray:
-    """`numbers`, as large as a measurement may be at most.
+    """Return a copy of ``value`` as an array of numbers that a measurement may have.
 
     Raises:
-        MeasurementError: if it is not of finite numbers, or one is beyond `LARGEST`.
+        MeasurementError: if it does not consist of finite numbers of at most `LARGEST`.
     """
-    found = numbers(name, value)
-    if (np.abs(found) > LARGEST).any():
+    array = numbers(name, value)
+    if (np.abs(array) > LARGEST).any():
         raise MeasurementError(
             f'{name} is {shown(value)}, expected numbers of at most {LARGEST:g}'
         )
-    return found
+    return array

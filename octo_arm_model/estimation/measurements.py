@@ -1,6 +1,6 @@
-"""What can be measured of an arm: tendons, tip, places along it.
+"""The measurements of an arm: of its tendons, of its tip, and of points along it.
 
-A new measurement is one more class that is a `Measurement`.
+A new kind of measurement is a subclass of `Measurement`.
 """
 
 from __future__ import annotations
@@ -31,108 +31,108 @@ __all__ = [
     'TipPose',
     'TipPosition',
 ]
-LOAD_CELL = 'load cell'  # and the name of its tendon
+LOAD_CELL = 'load cell'  # first part of a sensor's name; the tendon's name follows
 
 
 class _TendonMeasurement(Measurement):
-    """One number for each of some tendons."""
+    """A measurement with one number for each of some tendons."""
 
     def __init__(
         self, value: ArrayLike, noise: ArrayLike, tendons: tuple[str, ...] | None = None
     ) -> None:
-        """One number for each of ``tendons`` by name; of all, in the order of the arm, if None."""
+        """Store one number for each of ``tendons``, by name; None: all in the arm's order."""
         super().__init__(value, noise)
         self._tendons = tendons
 
-    def _which(self, at: Prediction) -> tuple[int, ...]:
-        names = at.model.arm.tendon_names
-        wanted = names if self._tendons is None else self._tendons
-        self.check_size(len(wanted), 'one for each tendon')
-        if unknown := [name for name in wanted if name not in names]:
+    def _indices(self, prediction: Prediction) -> tuple[int, ...]:
+        names = prediction.model.arm.tendon_names
+        selected = names if self._tendons is None else self._tendons
+        self.check_size(len(selected), 'one for each tendon')
+        if unknown := [name for name in selected if name not in names]:
             known = ', '.join(names)
             raise MeasurementError(
                 f'{self.name}: unknown tendon {unknown[0]}; this arm has {known}'
             )
-        return tuple(map(names.index, wanted))
+        return tuple(map(names.index, selected))
 
 
 class Tensions(_TendonMeasurement):
-    """Tensions as load cells show them, bias included [N]."""
+    """A measurement of tensions by load cells, which show them with their bias [N]."""
 
     name = 'tensions'
     is_linear = True
 
-    def innovation(self, at: Prediction) -> FloatArray:
-        """What was measured less what is predicted, (m,) [N]."""
-        return self.value - self.jacobian(at) @ at.x
+    def innovation(self, prediction: Prediction) -> FloatArray:
+        """Return the measured less the predicted tensions, (m,) [N]."""
+        return self.value - self.jacobian(prediction) @ prediction.x
 
-    def jacobian(self, at: Prediction) -> FloatArray:
-        """Change of what is predicted by the state, (m, state)."""
-        state = at.model.state
-        return _one_hot(self._which(at), (state.tension, state.tension_bias), state.size)
+    def jacobian(self, prediction: Prediction) -> FloatArray:
+        """Return the derivatives of the predicted tensions by the state, (m, state)."""
+        state = prediction.model.state
+        return _one_hot(self._indices(prediction), (state.tension, state.tension_bias), state.size)
 
-    def channels(self, at: Prediction) -> tuple[str, ...]:
-        """See `Measurement`: every load cell is a sensor of its own."""
-        names = at.model.arm.tendon_names
-        return tuple(f'{LOAD_CELL} {names[number]}' for number in self._which(at))
+    def channels(self, prediction: Prediction) -> tuple[str, ...]:
+        """Return the load cell of each number, (m,): every load cell is a sensor of its own."""
+        names = prediction.model.arm.tendon_names
+        return tuple(f'{LOAD_CELL} {names[number]}' for number in self._indices(prediction))
 
 
-def _one_hot(which: tuple[int, ...], parts: tuple[slice, ...], size: int) -> FloatArray:
-    """Matrix (numbers, ``size``) of ones where ``which`` of the ``parts`` are summed."""
-    found = np.zeros((len(which), size))
-    for part in parts:
-        if part.stop > part.start:
-            found[np.arange(len(which)), part.start + np.array(which)] = 1.0
-    return found
+def _one_hot(indices: tuple[int, ...], slices: tuple[slice, ...], size: int) -> FloatArray:
+    """Return the matrix (numbers, ``size``) that sums the components ``indices`` of ``slices``."""
+    matrix = np.zeros((len(indices), size))
+    for component_slice in slices:
+        if component_slice.stop > component_slice.start:
+            matrix[np.arange(len(indices)), component_slice.start + np.array(indices)] = 1.0
+    return matrix
 
 
 class TendonDisplacements(_TendonMeasurement):
-    """Length that the winch of each tendon has reeled in [m].
+    """A measurement of the length that the winch of each tendon has reeled in [m].
 
-    By so much it is shorter within the arm than without tensions, and stretched itself.
+    It is the shortening of the path of the tendon in the arm, and the stretch of the tendon.
     """
 
     name = 'tendon displacements'
 
-    def innovation(self, at: Prediction) -> FloatArray:
-        """What was measured less what is predicted, (m,) [m]."""
-        which = self._which(at)
+    def innovation(self, prediction: Prediction) -> FloatArray:
+        """Return the measured less the predicted lengths, (m,) [m]."""
+        indices, model = self._indices(prediction), prediction.model
         try:
-            at.model.solver.check_displacements(self.value, which)
+            model.solver.check_displacements(self.value, indices)
         except TensionError as error:
             raise MeasurementError(str(error)) from None
-        stretched = at.model.tendon_compliance * at.x[at.model.state.tension]
-        drawn_in = at.model.solver.rest_lengths.ravel() - at.tendon_lengths + stretched
-        return self.value - drawn_in[list(which)]
+        stretched = model.tendon_compliance * prediction.x[model.state.tension]
+        reeled_in = model.solver.rest_lengths.ravel() - prediction.tendon_lengths + stretched
+        return self.value - reeled_in[list(indices)]
 
-    def jacobian(self, at: Prediction) -> FloatArray:
-        """Change of what is predicted by the state, (m, state)."""
-        by_state, state = -at.change.tendon_length, at.model.state
-        by_state[:, state.tension] += np.diag(at.model.tendon_compliance)
-        return by_state[list(self._which(at))]
+    def jacobian(self, prediction: Prediction) -> FloatArray:
+        """Return the derivatives of the predicted lengths by the state, (m, state)."""
+        by_state, state = -prediction.change.tendon_length, prediction.model.state
+        by_state[:, state.tension] += np.diag(prediction.model.tendon_compliance)
+        return by_state[list(self._indices(prediction))]
 
 
 class TipPosition(Measurement):
-    """Position of the tip in base_frame, (3,) [m]."""
+    """A measurement of the position of the tip in base_frame, (3,) [m]."""
 
     name = 'tip position'
 
-    def innovation(self, at: Prediction) -> FloatArray:
-        """What was measured less what is predicted, (3,) [m]."""
+    def innovation(self, prediction: Prediction) -> FloatArray:
+        """Return the measured less the predicted position, (3,) [m]."""
         self.check_size(3, 'x, y, z')
-        return self.value - at.solved.tip
+        return self.value - prediction.solved.tip
 
-    def jacobian(self, at: Prediction) -> FloatArray:
-        """Change of what is predicted by the state, (3, state)."""
-        return at.change.tip[:3]
+    def jacobian(self, prediction: Prediction) -> FloatArray:
+        """Return the derivatives of the predicted position by the state, (3, state)."""
+        return prediction.change.tip[:3]
 
-    def second(self, at: Prediction) -> FloatArray | None:
-        """See `Measurement`."""
-        return at.tip_curvature
+    def second(self, prediction: Prediction) -> FloatArray | None:
+        """Return the second derivatives of the position by the state, (3, state, state)."""
+        return prediction.tip_curvature
 
 
 class TipPose(Measurement):
-    """Pose of the tip in base_frame: position [m] and quaternion x, y, z, w, (7,).
+    """A measurement of the tip's pose in base_frame: position [m] and quaternion x, y, z, w.
 
     Its noise is that of the position and of a small rotation vector in base_frame, (6, 6).
     """
@@ -140,102 +140,103 @@ class TipPose(Measurement):
     name = 'tip pose'
 
     def __init__(self, position: ArrayLike, quaternion: ArrayLike, noise: ArrayLike) -> None:
-        """Take a ``position`` [m] and a ``quaternion`` x, y, z, w, whose x axis is the tangent.
+        """Check and store a ``position`` [m] and a ``quaternion`` whose x axis is the tangent.
 
         Raises:
-            MeasurementError: as `Measurement`; if the quaternion is not of length 1.
+            MeasurementError: if numbers or noise are invalid, or the quaternion has not length 1.
         """
-        at = numbers('tip pose: position', position)
-        turned = numbers('tip pose: quaternion', quaternion)
-        if at.shape != (3,) or turned.shape != (4,):
+        position_array = numbers('tip pose: position', position)
+        quaternion_array = numbers('tip pose: quaternion', quaternion)
+        if position_array.shape != (3,) or quaternion_array.shape != (4,):
             raise MeasurementError('tip pose: expected a position (3,) and a quaternion (4,)')
-        if abs(math.hypot(*turned.tolist()) - 1.0) > 1e-3:
+        if abs(math.hypot(*quaternion_array.tolist()) - 1.0) > 1e-3:
             raise MeasurementError(
                 f'tip pose: quaternion is {shown(quaternion)}, expected length 1'
             )
-        # Only the noise has the size of an error.
-        super().__init__(np.concatenate([at, np.zeros(3)]), noise)
-        self._rotation = Rotation.from_quat(turned)
+        # The value has as many numbers as the error; the rotation is stored apart.
+        super().__init__(np.concatenate([position_array, np.zeros(3)]), noise)
+        self._rotation = Rotation.from_quat(quaternion_array)
 
-    def innovation(self, at: Prediction) -> FloatArray:
-        """Position measured less predicted, and rotation vector from one to the other, (6,)."""
-        return np.concatenate([self.value[:3] - at.solved.tip, self._away(at).as_rotvec()])
+    def innovation(self, prediction: Prediction) -> FloatArray:
+        """Return the position error, and the rotation vector to the measured frame, (6,)."""
+        position_error = self.value[:3] - prediction.solved.tip
+        return np.concatenate([position_error, self._error(prediction).as_rotvec()])
 
-    def jacobian(self, at: Prediction) -> FloatArray:
-        """Change of what is predicted by the state, (6, state)."""
-        jacobian = at.change.tip.copy()
-        # A rotation of the prediction comes before that vector: the right Jacobian.
-        turned = left_jacobian(-self._away(at).as_rotvec())
-        jacobian[3:] = np.linalg.solve(turned, jacobian[3:])
+    def jacobian(self, prediction: Prediction) -> FloatArray:
+        """Return the derivatives of the predicted pose by the state, (6, state)."""
+        jacobian = prediction.change.tip.copy()
+        # The rotation vector changes by the right Jacobian, as the predicted frame turns.
+        left_derivative = left_jacobian(-self._error(prediction).as_rotvec())
+        jacobian[3:] = np.linalg.solve(left_derivative, jacobian[3:])
         return jacobian
 
-    def _away(self, at: Prediction) -> Rotation:
-        return self._rotation * Rotation.from_quat(np.array(at.solved.quaternion[-1])).inv()
+    def _error(self, near: Prediction) -> Rotation:
+        return self._rotation * Rotation.from_quat(np.array(near.solved.quaternion[-1])).inv()
 
 
 class _PlacedMeasurement(Measurement):
-    """As many numbers at each of some s as there are ``components``."""
+    """A measurement with the numbers ``components`` at each of several s."""
 
     components: ClassVar[tuple[str, ...]]
 
     def __init__(self, s: ArrayLike, value: ArrayLike, noise: ArrayLike) -> None:
-        """At ``s`` (n,) [m] a ``value`` (n, components).
+        """Check and store a ``value`` (n, components) at ``s`` (n,) [m].
 
         Raises:
-            MeasurementError: as `Measurement`; if there is not one value for each s.
+            MeasurementError: if numbers or noise are invalid, or not as many as s.
         """
         super().__init__(value, noise)
         self.s = numbers(f'{self.name}: s', s)
         expected = len(self.components) * self.s.size
         self.check_size(expected, f'{", ".join(self.components)} at each s')
 
-    def _stations(self, at: Prediction) -> FloatArray:
-        """The s of the stations [m], between which the places are."""
-        length, s = at.model.arm.length, self.s
+    def _stations(self, prediction: Prediction) -> FloatArray:
+        """Return the s of the stations [m], and check that those measured at are on the arm."""
+        length, s = prediction.model.arm.length, self.s
         if s.ndim != 1 or not ((s >= 0.0) & (s <= length)).all():
             raise MeasurementError(
                 f'{self.name}: s is {shown(s)}, expected within [0, {length}] [m]'
             )
-        return at.model.solver.grid.s
+        return prediction.model.solver.grid.s
 
 
 class Markers(_PlacedMeasurement):
-    """Positions of points of the midline at known s, in base_frame, (n, 3) [m]."""
+    """A measurement of points of the midline at known s, in base_frame, (n, 3) [m]."""
 
     name = 'markers'
     components = ('x', 'y', 'z')
 
-    def innovation(self, at: Prediction) -> FloatArray:
-        """What was measured less what is predicted, (3 n,) [m]."""
-        return self.value - (self._weights(at) @ at.solved.position).ravel()
+    def innovation(self, prediction: Prediction) -> FloatArray:
+        """Return the measured less the predicted positions, (3 n,) [m]."""
+        return self.value - (self._weights(prediction) @ prediction.solved.position).ravel()
 
-    def jacobian(self, at: Prediction) -> FloatArray:
-        """Change of what is predicted by the state, (3 n, state)."""
-        moved = np.tensordot(self._weights(at), at.change.pose[:, :3], axes=1)
-        return moved.reshape(self.value.size, -1)
+    def jacobian(self, prediction: Prediction) -> FloatArray:
+        """Return the derivatives of the predicted positions by the state, (3 n, state)."""
+        weights, by_state = self._weights(prediction), prediction.change.pose[:, :3]
+        return np.tensordot(weights, by_state, axes=1).reshape(self.value.size, -1)
 
-    def _weights(self, at: Prediction) -> FloatArray:
-        """Those (n, stations) of the positions of stations: a cubic spline."""
-        return _spline_weights(tuple(self._stations(at).tolist()), tuple(self.s.tolist()))
+    def _weights(self, prediction: Prediction) -> FloatArray:
+        """Return the weights (n, stations) of the stations by a cubic spline through them."""
+        return _spline_weights(tuple(self._stations(prediction).tolist()), tuple(self.s.tolist()))
 
 
 class Curvatures(_PlacedMeasurement):
-    """Curvatures xi about n and k about b at the stations nearest to known s, (n, 2) [1/m].
+    """A measurement of the curvatures xi and k at the stations nearest to s, (n, 2) [1/m].
 
-    As fibre sensors measure them.
+    They are about n and b, as fibre sensors measure them.
     """
 
     name = 'curvatures'
     components = ('xi', 'k')
 
-    def innovation(self, at: Prediction) -> FloatArray:
-        """What was measured less what is predicted, (2 n,) [1/m]."""
-        nearby, shape = nearest(self.s, self._stations(at)), at.solved
-        return self.value - np.stack([shape.xi, shape.k], axis=1)[nearby].ravel()
+    def innovation(self, prediction: Prediction) -> FloatArray:
+        """Return the measured less the predicted curvatures, (2 n,) [1/m]."""
+        indices, shape = nearest(self.s, self._stations(prediction)), prediction.solved
+        return self.value - np.stack([shape.xi, shape.k], axis=1)[indices].ravel()
 
-    def jacobian(self, at: Prediction) -> FloatArray:
-        """Change of what is predicted by the state, (2 n, state)."""
-        change = at.change.strain[nearest(self.s, self._stations(at)), 1:3]
+    def jacobian(self, prediction: Prediction) -> FloatArray:
+        """Return the derivatives of the predicted curvatures by the state, (2 n, state)."""
+        change = prediction.change.strain[nearest(self.s, self._stations(prediction)), 1:3]
         return change.reshape(self.value.size, -1)
 
 

@@ -1,7 +1,7 @@
-"""From a state to the shape of the arm, and its derivatives by the state.
+"""The shape of an arm in a state, and the derivatives of the shape by the state.
 
-Statics depend on E through the ratios of tensions and loads to it, so an arm of another E is
-solved as the one described, under tensions and loads divided by the ratio of both.
+Statics depend on the ratios of tensions and loads to E. So an arm of another E has the shape of
+the described one under tensions and loads that are divided by the ratio of the two E.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ from octo_arm_model.rod.rotations import quaternion_product
 from octo_arm_model.rod.sensitivity import Change
 from octo_arm_model.rod.solver import Solver
 
-# A step of the estimator that leads where the arm is followed for longer is too long.
-# What is left of the residual is nothing beside the noise of any sensor.
+# A step of the estimator that takes the solver longer is too long. An error of the shape by this
+# residual is far below the noise of any sensor.
 BUDGET = Budget(iterations=30, residual=1e-8)
-# Of a recording nobody waits for a single step.
+# A step of a recording may take longer, as nobody waits for it.
 PATIENT = Budget(iterations=90, residual=1e-8)
 
-_FORCE, _MOMENT = slice(0, 3), slice(3, 6)  # of a wrench
-_MOST = math.log(LARGEST)  # of the logarithm of a ratio of stiffnesses
+_FORCE, _MOMENT = slice(0, 3), slice(3, 6)  # parts of a wrench
+_MOST = math.log(LARGEST)  # largest logarithm of a ratio of stiffnesses
 _ONE = np.ones(1)
 
 
 class ArmModel:
-    """One arm whose tensions, loads and E are a state; `of` makes that of a file.
+    """The model of one arm whose tensions, loads and E are a state vector.
 
     Attributes:
         arm: the arm.
-        state: what the vector holds.
-        solver: of the arm as described.
-        loads: that act besides those of the state.
+        state: the layout of the state vector.
+        solver: the solver of the arm as described.
+        loads: known loads, which act besides those of the state.
         unit_loads: loads of magnitude one, whose magnitudes are ``state.unit_loads``.
         tip_curvature: second derivatives of the position of the tip.
-        tendon_compliance: by how much each tendon itself stretches [m/N], (tendons,).
+        tendon_compliance: stretch of each tendon per newton of its tension [m/N], (tendons,).
     """
 
     def __init__(
@@ -61,12 +61,12 @@ class ArmModel:
         loads: Loads = Loads(),
         **options: Any,
     ) -> None:
-        """Prepare ``arm`` for ``unknowns``; ``loads`` and ``options`` are those of `Solver`.
+        """Prepare the solver of an ``arm``; ``loads`` and ``options`` are those of `Solver`.
 
         Raises:
-            ConfigError: as `Solver`; if external forces are unknown and the model has no loads; if
-                E is, and there are loads of a kind that has no magnitude, or sheaths; if tendons
-                have friction and the loss of tension by it is not unknown.
+            ConfigError: if `Solver` refuses its options; if external forces are unknown and the
+                model has no loads; if E is unknown and there are sheaths, or loads that have no
+                magnitude; if tendons have friction and no unknown ``tension_loss``.
             MeasurementError: if a point force is not on the arm.
         """
         check_class('loads', loads, Loads)
@@ -83,15 +83,15 @@ class ArmModel:
                 'an unknown log_modulus'
             )
         if any(arm.friction):
-            # The shape follows from the course of the tensions then, which is not in the state.
+            # With friction the shape depends on earlier tensions, which the state does not hold.
             if unknowns.tension_loss is None:
                 raise ConfigError('tendons have friction, expected an unknown tension_loss')
             arm = dataclasses.replace(arm, friction=())
-        self._known_wrench = loads.tip_wrench
+        self._known_tip_wrench = loads.tip_wrench
         dead = dataclasses.replace(loads, tip_force=ZERO, tip_moment=ZERO)
         self.unit_loads = unit_loads(arm, unknowns)
         scaled = list(self.unit_loads)
-        # Weight changes with E too, in parts of the stiffness.
+        # The ratio of the known loads to the stiffness changes with E too.
         self._scales_dead = unknowns.log_modulus is not None and dead.any
         if self._scales_dead:
             scaled.append(dead)
@@ -113,30 +113,30 @@ class ArmModel:
         stations: int | None = None,
         **options: Any,
     ) -> ArmModel:
-        """The arm of ``config``, with its base, loads, elastic law and, by default, stations.
+        """Return the model of a ``config``: its arm, base, loads, elastic law and stations.
 
-        ``options`` are compiled and budget.
+        ``stations`` replaces their number, and ``options`` are compiled and budget.
 
         Raises:
-            OctoArmError: as the constructor.
+            OctoArmError: if the arm, the loads or the options do not fit the unknowns.
         """
         check_class('config', config, Config)
-        given = config.solver_options | ({} if stations is None else {'stations': stations})
-        return cls(config.arm, unknowns, model, **given, **options)
+        settings = config.solver_options | ({} if stations is None else {'stations': stations})
+        return cls(config.arm, unknowns, model, **settings, **options)
 
     def tip_wrench(self, x: FloatArray) -> FloatArray:
-        """Force and moment on the tip in ``x``, known and unknown, (6,) [N, N m]."""
-        wrench = self._known_wrench.copy()
-        for first, where in ((0, self.state.tip_force), (3, self.state.tip_moment)):
-            own = x[where]
-            wrench[first : first + own.size] += own
+        """Return force and moment on the tip in ``x``, known ones included, (6,) [N, N m]."""
+        wrench = self._known_tip_wrench.copy()
+        for row, components in ((0, self.state.tip_force), (3, self.state.tip_moment)):
+            force = x[components]
+            wrench[row : row + force.size] += force
         return wrench
 
     def stiffness(self, x: FloatArray) -> float:
-        """E in ``x`` over that of the arm as described.
+        """Return E in ``x`` over that of the arm as described.
 
         Raises:
-            SolveError: if it is beyond all that is, as where a search went astray.
+            SolveError: if the ratio is beyond any material, as a diverging search may make it.
         """
         ratio = x[self.state.log_modulus]
         if ratio.size and not abs(ratio[0]) <= _MOST:
@@ -147,31 +147,31 @@ class ArmModel:
         return math.exp(ratio[0]) if ratio.size else 1.0
 
     def solve(self, x: FloatArray, start: Backbone | None) -> Backbone:
-        """Shape in ``x``, followed from ``start``; of the arm as described, see the module.
+        """Return the shape in ``x`` of an arm with the described E, continued from ``start``.
 
         Raises:
-            OctoArmError: as `Solver.solve`.
+            OctoArmError: if the solver finds no trustworthy shape, or refuses tensions or loads.
         """
         ratio = self._set_magnitudes(x)
-        along = x[self.state.tension] * (self._transmitted(x) / ratio)
-        tensions = along.reshape(self.arm.tension_shape)
+        state_tensions = x[self.state.tension] * (self._transmission(x) / ratio)
+        tensions = state_tensions.reshape(self.arm.tension_shape)
         wrench = self.tip_wrench(x)
         return self.solver.follow(tensions, start, wrench / ratio if wrench.any() else None)
 
     def derivatives(self, x: FloatArray, backbone: Backbone) -> StateChange:
-        """Change of the shape ``backbone`` in ``x`` per unit of each component of the state.
+        """Return the derivatives of the shape ``backbone`` in ``x`` by the state.
 
         Raises:
-            OctoArmError: as `Solver.sensitivity`.
+            OctoArmError: if the equilibrium has no sensitivities.
         """
         ratio, state = self._set_magnitudes(x), self.state
         by = self.solver.sensitivity(backbone)
-        along = self._transmitted(x) / ratio
+        scale = self._transmission(x) / ratio
         every = slice(None)
         parts: list[_Part] = [
-            (state.tension, by.by_tension, every, along),
+            (state.tension, by.by_tension, every, scale),
             (state.log_modulus, by.by_youngs_modulus, every, 1.0),
-            (state.tension_loss, by.by_tension, every, -along * x[state.tension]),
+            (state.tension_loss, by.by_tension, every, -scale * x[state.tension]),
         ]
         by_tip_force = None
         if by.by_tip_wrench is not None:
@@ -183,77 +183,78 @@ class ArmModel:
             parts.append((state.unit_loads, by_loads, every, 1.0 / ratio))
         return StateChange(state.size, parts, by_tip_force)
 
-    def _transmitted(self, x: FloatArray) -> FloatArray:
-        """Tension along every tendon over that at the base, one for all where none is lost."""
+    def _transmission(self, x: FloatArray) -> FloatArray:
+        """Return the ratios of tensions along the arm to those at the base; one 1 without loss."""
         loss = x[self.state.tension_loss]
         return np.exp(-loss) if loss.size else _ONE
 
     def _set_magnitudes(self, x: FloatArray) -> float:
-        """Make the loads those of ``x``; returns the ratio of the stiffnesses."""
+        """Set the magnitudes of the loads to those in ``x``, and return the ratio of the E."""
         ratio, state = self.stiffness(x), self.state
         if self._scaled is not None:
-            known = [1.0] if self._scales_dead else []
-            self._scaled.magnitudes = np.array([*x[state.unit_loads], *known]) / ratio
+            dead_magnitude = [1.0] if self._scales_dead else []
+            self._scaled.magnitudes = np.array([*x[state.unit_loads], *dead_magnitude]) / ratio
         return ratio
 
 
 class Prediction:
-    """What an arm is in one state; solved and differentiated where asked for.
+    """The shape of an arm in one state, and its derivatives; each is computed on first use.
 
     Attributes:
-        model: the arm.
-        x: the state.
+        model: the model of the arm.
+        x: the state, (n,).
     """
 
     def __init__(self, model: ArmModel, x: FloatArray, start: Backbone | None) -> None:
-        """In the state ``x``, followed from the shape ``start``."""
+        """Prepare the prediction of a state ``x``, whose shape is continued from ``start``."""
         self.model, self.x, self._start = model, x, start
 
     @property
     def shape(self) -> Backbone | None:
-        """The shape if it was solved, what to follow it from if not."""
+        """The shape if it was solved, else the shape to continue from."""
         return self.__dict__.get('solved', self._start)
 
     @functools.cached_property
     def solved(self) -> Backbone:
-        """Shape, of the arm as described.
+        """The shape in the state, see `ArmModel.solve`.
 
         Raises:
-            SolveError: if there is no trustworthy one, or none under tensions and loads so large.
+            SolveError: if there is no trustworthy shape, or tensions or loads are too large.
         """
         try:
             return self.model.solve(self.x, self._start)
         except (TensionError, LoadError) as error:
-            # Of a state that a search came to, not of anything that was given.
+            # The tensions and loads are those of a search, not of a user.
             raise SolveError(f'no shape that explains what was measured: {error}') from error
 
     @functools.cached_property
     def change(self) -> StateChange:
-        """Change of the shape per unit of each component of the state.
+        """The derivatives of the shape by the state.
 
         Raises:
-            SolveError: as `solved`.
+            SolveError: if there is no trustworthy shape.
         """
         return self.model.derivatives(self.x, self.solved)
 
     def moved_to(self, x: FloatArray) -> Prediction:
-        """The prediction of a state ``x``, whose shape begins with that of this one's change."""
+        """Return the prediction of a state ``x``, continued from this shape to first order."""
         shape = self.shape
         if shape is not None and shape.equilibrium is not None and 'change' in vars(self):
             if (twist := self.change.twist) is not None:
-                guess = shape.equilibrium.state.z + _times(twist, x - self.x)
-                found = shape.equilibrium._replace(guess=guess)
-                shape = dataclasses.replace(shape, equilibrium=found)
+                guess = shape.equilibrium.state.z + _directional(twist, x - self.x)
+                equilibrium = shape.equilibrium._replace(guess=guess)
+                shape = dataclasses.replace(shape, equilibrium=equilibrium)
         return Prediction(self.model, x, shape)
 
     def distance(self, x: FloatArray) -> float:
-        """Largest change of a coordinate of any station in the state ``x``, to first order [m]."""
+        """Return the largest change of a station's coordinate in ``x``, to first order [m]."""
         return float(np.abs(self.change.pose[:, :3] @ (x - self.x)).max())
 
     def backbone_at(self, x: FloatArray) -> Backbone:
-        """Shape in a state ``x`` nearby, to first order, with its tensions and tip wrench."""
-        shape, by = self.solved, x - self.x
-        pose, (tau, xi, k, q) = _times(self.change.pose, by), _times(self.change.strain, by).T
+        """Return the shape in a state ``x`` nearby to first order, with its own tensions."""
+        shape, step = self.solved, x - self.x
+        pose = _directional(self.change.pose, step)
+        tau, xi, k, q = _directional(self.change.strain, step).T
         turn = np.concatenate([0.5 * pose[:, 3:], np.ones((len(pose), 1))], axis=1)
         quaternion = quaternion_product(turn, shape.quaternion)
         return dataclasses.replace(
@@ -272,10 +273,10 @@ class Prediction:
     def tip_curvature(self) -> FloatArray | None:
         """Second derivatives of the position of the tip by the state, (3, n, n).
 
-        None where the model has no loads.
+        None if the model has no loads.
 
         Raises:
-            SolveError: as `solved`.
+            SolveError: if there is no trustworthy shape.
         """
         by_force, model = self.change.by_tip_force, self.model
         if by_force is None:
@@ -284,7 +285,7 @@ class Prediction:
         return model.tip_curvature.by_state(self.solved, self.change.pose, by_force, ratio)
 
     def forget(self) -> None:
-        """Free the memory of derivatives, which are found again where asked for."""
+        """Free the memory of the derivatives, which the next use computes again."""
         for name in ('change', 'tip_curvature'):
             self.__dict__.pop(name, None)
 
@@ -294,60 +295,60 @@ class Prediction:
         return self.model.solver.tendon_lengths(self.solved).ravel()
 
 
-# Components of a state, the change of the shape by what they change, the columns of that change,
-# and unit of what they change per unit of each component, one for all or for each.
+# Components of a state; the change of the shape by the quantity that they set; its columns; and
+# the derivative of this quantity by each component, one for all or one for each.
 _Part = tuple[slice, Change, slice, FloatArray | float]
 
 
 class StateChange:
-    """Change of the shape per unit of each component of a state, the last axis; see `Change`.
+    """The derivatives of the shape by a state, whose components are the last axis.
 
     Attributes:
-        by_tip_force: change of pose per newton on the tip along all axes of the arm as described,
-            (stations, 6, 3); None where the model has no loads.
+        by_tip_force: derivatives of the pose by a force on the tip of the arm as described,
+            (stations, 6, 3); None if the model has no loads.
     """
 
     def __init__(
         self, size: int, parts: Sequence[_Part], by_tip_force: FloatArray | None = None
     ) -> None:
-        """Of a state of ``size`` components, of which those in none of ``parts`` do nothing."""
+        """Store ``parts`` of ``size`` components; the shape does not depend on the others."""
         self._size, self._parts, self.by_tip_force = size, parts, by_tip_force
 
     @functools.cached_property
     def pose(self) -> FloatArray:
-        """Displacement [m] and rotation vector [rad] in base_frame, (stations, 6, state)."""
-        return self._chained([change.pose for _, change, *_ in self._parts])
+        """Derivatives of position [m] and rotation [rad] in base_frame, (stations, 6, state)."""
+        return self._by_state([change.pose for _, change, *_ in self._parts])
 
     @functools.cached_property
     def twist(self) -> FloatArray | None:
-        """Change of the twists at the solver's nodes, (nodes, strains, state), where known."""
-        found = [change.twist for _, change, *_ in self._parts]
-        known = [one for one in found if one is not None]
-        return self._chained(known) if len(known) == len(found) else None
+        """Derivatives of the twists at the solver's nodes, (nodes, strains, state), if known."""
+        twists = [change.twist for _, change, *_ in self._parts]
+        known_twists = [twist for twist in twists if twist is not None]
+        return self._by_state(known_twists) if len(known_twists) == len(twists) else None
 
     @property
     def tip(self) -> FloatArray:
-        """The same of the tip alone, (6, state)."""
+        """Derivatives of the pose of the tip, (6, state)."""
         return self.pose[-1]
 
     @functools.cached_property
     def strain(self) -> FloatArray:
-        """Change of tau, xi, k [1/m] and q [-], (stations, 4, state)."""
-        return self._chained([change.strain for _, change, *_ in self._parts])
+        """Derivatives of tau, xi, k [1/m] and q [-], (stations, 4, state)."""
+        return self._by_state([change.strain for _, change, *_ in self._parts])
 
     @functools.cached_property
     def tendon_length(self) -> FloatArray:
-        """Change of the length of every tendon [m], (tendons, state)."""
-        return self._chained([change.tendon_length for _, change, *_ in self._parts])
+        """Derivatives of the length of every tendon [m], (tendons, state)."""
+        return self._by_state([change.tendon_length for _, change, *_ in self._parts])
 
-    def _chained(self, changes: Sequence[FloatArray]) -> FloatArray:
-        found = np.zeros((*changes[0].shape[:-1], self._size))
-        for (where, _, columns, scale), change in zip(self._parts, changes, strict=True):
-            if where.stop > where.start:
-                np.multiply(change[..., columns], scale, out=found[..., where])
-        return found
+    def _by_state(self, changes: Sequence[FloatArray]) -> FloatArray:
+        derivatives = np.zeros((*changes[0].shape[:-1], self._size))
+        for (components, _, columns, scale), change in zip(self._parts, changes, strict=True):
+            if components.stop > components.start:
+                np.multiply(change[..., columns], scale, out=derivatives[..., components])
+        return derivatives
 
 
-def _times(change: FloatArray, by: FloatArray) -> FloatArray:
-    """Product of a ``change`` (stations, k, n) and ``by`` (n,), as one of matrices."""
-    return (change.reshape(-1, by.size) @ by).reshape(change.shape[:2])
+def _directional(change: FloatArray, step: FloatArray) -> FloatArray:
+    """Return the product of derivatives (stations, k, n) and a ``step`` (n,) of the state."""
+    return (change.reshape(-1, step.size) @ step).reshape(change.shape[:2])

@@ -1,15 +1,15 @@
-"""The state that measurements and what was known before them agree on, by iteration.
+"""The mean of a state after measurements, by an iterated extended Kalman filter.
 
-An iterated extended Kalman filter: what measurements predict is taken to second order about the
-last state that was evaluated, where they tell (`Measurement.second`), and the next one is what
-this local model leads to. Each evaluation is one shape and its derivatives.
+Each iteration evaluates one shape and its derivatives. It models the measurements about that state
+to second order, if they state second derivatives (`Measurement.second`). The next state is the
+mean by this local model.
 
-Measurements much more exact than what was known before leave a thin curved sheet of likely
-states, whose densest point is off to one side of its mean, at every step to the same: a filter
-that remembers would sum that up. The way from one to the other follows from the determinant of the
-information A, grad(ln det A) / 2 (Laplace's approximation; Tierney and Kadane 1986). Innovations
-draw the most probable state to where it is; where they are smaller than expected, as of an arm
-that nothing touches, it is hardly drawn, and the way back is weighted with how they compare.
+Measurements that are much more exact than the prior leave a thin curved sheet of likely states.
+The mode of this sheet is on one side of its mean, at every step on the same side, so a filter that
+took the mode would add up this bias. The difference follows from the gradient of the determinant
+of the information A, grad(ln det A) / 2 (Laplace's approximation; Tierney and Kadane 1986). The
+innovations cause the bias. If they are smaller than expected, as for an arm that nothing touches,
+the bias is small too. So the correction is weighted by the ratio of the actual to the expected.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ from octo_arm_model.estimation.gaussian import Gaussian, lower_root, solve_lower
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
 
-_TOLERANCE = 0.1  # standard deviations a component, of a step that is the last
-# Likewise where what is measured hardly bends on it: parts of the noise, of values and spread.
+_TOLERANCE = 0.1  # last step, in standard deviations per component
+# The same if second order changes values and derivatives by less, over the noise.
 _STRAIGHT, _OFF, _TURNED = 3.0, 0.1, 0.3
-_LOOSE = 0.3  # likewise of what is blurred
-_BLURRED = (100.0, 10.0)  # times the noise, one after the other
-_INNER = 8  # steps within a local model
-_SLACK = 0.01  # of what should be least, a component, by which a step may be worse
-_SHORTENED = 6  # times that a step is halved at most
-_LONGEST = 0.2  # of the length of the arm, by which a station moves in a step
-_LARGEST = 5.0  # standard deviations by which one agreement may be off
-_FARTHEST = 1.0  # standard deviations, to the mean: beyond, its second derivatives do not hold
-_LATELY = 1000  # updates over which agreements are averaged
+_ROUGH = 0.3  # last step with a raised noise
+_NOISE_FACTORS = (100.0, 10.0)  # factors on the noise, one after the other
+_INNER_STEPS = 8  # largest number of steps within a local model
+_SLACK = 0.01  # allowed rise of the cost by a step, per component
+_MOST_HALVINGS = 6  # largest number of halvings of a step
+_LONGEST = 0.2  # largest displacement of a station by a step, over the length of the arm
+_FARTHEST_OFF = 5.0  # largest difference of an agreement, in standard deviations
+_FARTHEST = 1.0  # standard deviations to the mean up to which second derivatives hold
+_LATELY = 1000  # number of updates over which agreements are averaged
 
 
 class Work:
-    """What one message may cost: evaluations of shapes, and iterations of the solver for them."""
+    """The budget of one message: evaluations of shapes, and iterations of the solver."""
 
     def __init__(self, evaluations: int, iterations: int, whole: Work | None = None) -> None:
-        """Of so many of both; what is taken of it is taken of the ``whole`` too."""
+        """Begin with these numbers; what is taken of this is taken of a ``whole`` budget too."""
         self.evaluations, self.iterations, self._whole = evaluations, iterations, whole
 
     def share(self, evaluations: int) -> Work:
-        """A part of it, of so many evaluations at most."""
+        """Return a part of this budget with at most so many ``evaluations``."""
         return Work(min(evaluations, self.evaluations), self.iterations, self)
 
     @property
@@ -56,7 +56,7 @@ class Work:
         return self.evaluations > 0 and self.iterations > 0
 
     def take(self, iterations: int) -> None:
-        """Note an evaluation."""
+        """Subtract one evaluation and its ``iterations``."""
         self.evaluations -= 1
         self.iterations -= iterations
         if self._whole is not None:
@@ -64,11 +64,11 @@ class Work:
 
 
 class Agreement(NamedTuple):
-    """How much innovations draw the most probable state, in parts of what is expected of them.
+    """The ratio of the bias that innovations caused in the mode to the expected bias.
 
     Attributes:
-        value: 1 on average where what was known before and noise are as told.
-        information: inverse of its variance where they are; 0 of none.
+        value: the averaged ratio; about 1 if prior and noise are right.
+        information: inverse of the variance of the value; 0 before any innovation.
     """
 
     value: float = 0.0
@@ -76,107 +76,106 @@ class Agreement(NamedTuple):
 
     @property
     def weight(self) -> float:
-        """Weight of the way to the mean, 0 to 1: the value, were it 1 +- 1 before all of them."""
+        """Weight of the correction from mode to mean, 0 to 1: the value with a prior of 1 +- 1."""
         if not self.information:
             return 0.0
         return min(max(0.0, (1.0 + self.information * self.value) / (1.0 + self.information)), 1.0)
 
     def after(self, drawn: float, expected: float, stddev: float) -> Agreement:
-        """With one more innovation, which has ``drawn`` as much of what was ``expected``."""
+        """Return the ratio with one more innovation, whose bias is ``drawn``, not ``expected``."""
         if not expected > 0.0 or not stddev > 0.0:
             return self
-        off = min(max((drawn - expected) / stddev, -_LARGEST), _LARGEST)
-        own = (expected / stddev) ** 2
-        information = self.information * (1.0 - 1.0 / _LATELY) + own
-        value = self.value + own / information * (1.0 + off * stddev / expected - self.value)
+        off = min(max((drawn - expected) / stddev, -_FARTHEST_OFF), _FARTHEST_OFF)
+        added = (expected / stddev) ** 2
+        information = self.information * (1.0 - 1.0 / _LATELY) + added
+        value = self.value + added / information * (1.0 + off * stddev / expected - self.value)
         return Agreement(value, information)
 
 
 class Fit(NamedTuple):
-    """What is known after measurements.
+    """The state after measurements.
 
     Attributes:
-        known: after them.
-        at: a prediction nearly of its mean, about which they were linearised.
-        agreement: how the innovations so far draw the most probable state.
-        is_converged: whether the state is one to which the last step was short.
+        known: the distribution after them.
+        prediction: a prediction near its mean, about which they were linearised.
+        agreement: the agreement after them.
+        is_converged: whether the last step to the mean was short.
     """
 
     known: Gaussian
-    at: Prediction
+    prediction: Prediction
     agreement: Agreement
     is_converged: bool
 
 
 def agree(
-    before: Gaussian,
+    prior: Gaussian,
     rows: Rows,
     agreement: Agreement,
-    at: Prediction,
+    prediction: Prediction,
     work: Work,
     *,
     is_new: bool = False,
 ) -> Fit:
-    """The mean of what was known ``before`` and measured ``rows``, from the prediction ``at`` on.
+    """Return the state after measured ``rows``, given a ``prior``; begin from ``prediction``.
 
-    Where it ``is_new``, or no step leads on, measurements are taken to be less exact at first,
-    which widens the curved valley of likely states. Where no work is left before it has converged,
-    the last step is added to the covariance.
+    If it ``is_new``, or no step lowers the cost, the noise is raised at first, which widens the
+    valley of likely states. If the ``work`` ends before, the covariance contains the last step.
 
     Raises:
         SolveError: if there is no trustworthy shape on the way.
     """
     if not len(rows):
-        mean = nearest_possible(at.model, before)
-        at = reached(at, mean, work)
-        return Fit(Gaussian(mean, before.root), at, agreement, is_converged=True)
-    if 'solved' not in vars(at):
-        work.take(int(at.solved.iterations))
+        mean = nearest_possible(prediction.model, prior)
+        prediction = evaluated(prediction, mean, work)
+        return Fit(Gaussian(mean, prior.root), prediction, agreement, is_converged=True)
+    if 'solved' not in vars(prediction):
+        work.take(int(prediction.solved.iterations))
     if not is_new:
         try:
-            if _is_nearer(before, rows, at):
-                at = reached(at, nearest_possible(at.model, before), work)
-            found = _fit(_Local(before, rows, agreement, at), work)
-            if found.is_converged or not work.is_left:
-                return found
-            at = found.at
+            if _is_nearer(prior, rows, prediction):
+                prediction = evaluated(prediction, nearest_possible(prediction.model, prior), work)
+            fit = _fit(_Local(prior, rows, agreement, prediction), work)
+            if fit.is_converged or not work.is_left:
+                return fit
+            prediction = fit.prediction
         except SolveError:
             pass  # on the way from here
-    for factor in _BLURRED:
+    for factor in _NOISE_FACTORS:
         blurred = rows.blurred(factor)
-        at = _fit(_Local(before, blurred, agreement, at), work, _LOOSE).at
-    return _fit(_Local(before, rows, agreement, at), work)
+        prediction = _fit(_Local(prior, blurred, agreement, prediction), work, _ROUGH).prediction
+    return _fit(_Local(prior, rows, agreement, prediction), work)
 
 
-def _is_nearer(before: Gaussian, rows: Rows, at: Prediction) -> bool:
-    """Whether the mean of what was known ``before`` is far from ``at``, and explains ``rows``."""
-    if at.distance(before.mean) <= _LONGEST * at.model.arm.length:
+def _is_nearer(prior: Gaussian, rows: Rows, prediction: Prediction) -> bool:
+    """Return whether the mean of the ``prior`` is far from ``prediction`` but fits better."""
+    if prediction.distance(prior.mean) <= _LONGEST * prediction.model.arm.length:
         return False
-    left = rows.left(at)
-    there = left - rows.jacobian(at) @ (before.mean - at.x)
-    return square_of(there, rows.noise_root) < square_of(left, rows.noise_root)
+    innovation = rows.innovation(prediction)
+    prior_innovation = innovation - rows.jacobian(prediction) @ (prior.mean - prediction.x)
+    return square_of(prior_innovation, rows.noise_root) < square_of(innovation, rows.noise_root)
 
 
-def reached(at: Prediction, x: FloatArray, work: Work) -> Prediction:
-    """The prediction of a state ``x``, followed from ``at``, or from nothing if that is too far.
+def evaluated(prediction: Prediction, x: FloatArray, work: Work) -> Prediction:
+    """Return the evaluated prediction of ``x``, continued from another one, or else from nothing.
 
     Raises:
         SolveError: if there is no trustworthy shape.
     """
-    found = at.moved_to(x)
+    new_prediction = prediction.moved_to(x)
     try:
-        work.take(int(found.solved.iterations))
+        work.take(int(new_prediction.solved.iterations))
     except ContinuationError as error:
         work.take(error.iterations)
-        if at.shape is None:
+        if prediction.shape is None:
             raise
-        found = Prediction(at.model, x, None)
-        work.take(int(found.solved.iterations))
-    return found
+        new_prediction = Prediction(prediction.model, x, None)
+        work.take(int(new_prediction.solved.iterations))
+    return new_prediction
 
 
 class _Step(NamedTuple):
-    """A step from a state to ``x``: its size a component, and what is least at its start."""
+    """A step to a state ``x``, its size per component, and the cost at its start."""
 
     x: FloatArray
     size: float
@@ -184,72 +183,73 @@ class _Step(NamedTuple):
 
 
 class _Local:
-    """What measurements predict about a state to second order, in standard deviations."""
+    """A model of the measurements about a state to second order, in standard deviations."""
 
     def __init__(
         self,
-        before: Gaussian,
+        prior: Gaussian,
         rows: Rows,
         agreement: Agreement,
-        at: Prediction,
-        left: FloatArray | None = None,
+        prediction: Prediction,
+        innovation: FloatArray | None = None,
     ) -> None:
-        self.before, self.rows, self.agreement, self.at = before, rows, agreement, at
-        if left is None:
-            left = rows.left(at)
-        jacobian, second = rows.jacobian(at) @ before.root, rows.second(at)
-        white = solve_lower(rows.noise_root, np.column_stack([left, jacobian]))
-        self.z, self.left, self.jacobian = self._away(at.x), white[:, 0], white[:, 1:]
-        self.spread, self.slope = spread(self.jacobian), np.zeros(len(before.root))
-        self.root = before.root @ self.spread  # of the covariance after them
-        # All second derivatives that are known, and the gradient of the determinant.
-        self.bent: tuple[FloatArray, FloatArray] | None = None
-        # A step by some of the second derivatives is no better than one by none.
+        self.prior, self.rows, self.agreement, self.prediction = prior, rows, agreement, prediction
+        if innovation is None:
+            innovation = rows.innovation(prediction)
+        jacobian, second = rows.jacobian(prediction) @ prior.root, rows.second(prediction)
+        white = solve_lower(rows.noise_root, np.column_stack([innovation, jacobian]))
+        self.z = self._white(prediction.x)
+        self.innovation, self.jacobian = white[:, 0], white[:, 1:]
+        self.spread, self.slope = spread(self.jacobian), np.zeros(len(prior.root))
+        self.root = prior.root @ self.spread  # of the covariance after them
+        # The known second derivatives, and the gradient of half the log determinant.
+        self.curvature: tuple[FloatArray, FloatArray] | None = None
+        # A step by only some of the second derivatives is no better than one without them.
         self.second: FloatArray | None = None
         if second is not None:
-            scaled = solve_lower(rows.noise_root, second.reshape(len(left), -1))
-            second = before.root.T @ scaled.reshape(second.shape) @ before.root
-            self.bent = second, gradient(self._gain(), second)
-            self.second = second if rows.is_bend_known(at) else None
-            self.slope = agreement.weight * self.bent[1]
+            scaled = solve_lower(rows.noise_root, second.reshape(len(innovation), -1))
+            second = prior.root.T @ scaled.reshape(second.shape) @ prior.root
+            self.curvature = second, gradient(self._gain(), second)
+            self.second = second if rows.has_second(prediction) else None
+            self.slope = agreement.weight * self.curvature[1]
             far = float(np.linalg.norm(self.spread.T @ self.slope))
             self.slope *= min(1.0, _FARTHEST / far) if far else 1.0
 
-    def _away(self, x: FloatArray) -> FloatArray:
-        return solve_lower(self.before.root, x - self.before.mean)
+    def _white(self, x: FloatArray) -> FloatArray:
+        return solve_lower(self.prior.root, x - self.prior.mean)
 
     def _gain(self) -> FloatArray:
         return np.asarray(self.spread @ (self.jacobian @ self.spread).T)
 
     def step(self, x: FloatArray | None = None) -> _Step:
-        """The step of Gauss and Newton to the mean, from ``x`` or the state itself."""
-        z, left, jacobian, root = self.z, self.left, self.jacobian, self.spread
+        """Return the Gauss-Newton step to the mean from ``x``, or from the state of the model."""
+        z, innovation, jacobian, root = self.z, self.innovation, self.jacobian, self.spread
         if x is None:
-            x = self.at.x
+            x = self.prediction.x
         elif self.second is not None:
-            z = self._away(x)
-            bent = self.second @ (z - self.z)
-            left = left - (jacobian + 0.5 * bent) @ (z - self.z)
-            jacobian = jacobian + bent
+            z = self._white(x)
+            jacobian_change = self.second @ (z - self.z)
+            innovation = innovation - (jacobian + 0.5 * jacobian_change) @ (z - self.z)
+            jacobian = jacobian + jacobian_change
             root = spread(jacobian)
-        change = root.T @ (jacobian.T @ left - z - self.slope)
-        wanted = Gaussian(x + self.before.root @ (root @ change), self.root)
-        size = math.sqrt(float(change @ change) / z.size)
-        return _Step(nearest_possible(self.at.model, wanted), size, self._cost(z, left))
+        change = root.T @ (jacobian.T @ innovation - z - self.slope)
+        target = Gaussian(x + self.prior.root @ (root @ change), self.root)
+        size, cost = math.sqrt(float(change @ change) / z.size), self._cost(z, innovation)
+        return _Step(nearest_possible(self.prediction.model, target), size, cost)
 
-    def _cost(self, z: FloatArray, left: FloatArray) -> float:
-        return float(z @ z + left @ left + 2.0 * (self.slope @ (z - self.z)))
+    def _cost(self, z: FloatArray, residual: FloatArray) -> float:
+        return float(z @ z + residual @ residual + 2.0 * (self.slope @ (z - self.z)))
 
-    def wanted(self, step: _Step) -> FloatArray:
-        """The mean, from a ``step`` on."""
+    def target_mean(self, step: _Step) -> FloatArray:
+        """Return the mean by this model, by iteration from a first ``step``."""
         if self.second is None:
             return step.x
-        start = self.at.x
-        for _ in range(_INNER):
+        start = self.prediction.x
+        for _ in range(_INNER_STEPS):
             if step.size <= 1.0:
                 break
-            for halved in range(5):
-                x = start + 0.5**halved * (step.x - start)
+            for halvings in range(5):
+                x = start + 0.5**halvings * (step.x - start)
                 new = self.step(x)
                 if new.cost <= step.cost:
                     break
@@ -258,46 +258,47 @@ class _Local:
             start, step = x, new
         return step.x
 
-    def moved(self, wanted: FloatArray, work: Work) -> _Local | None:
-        """As far towards the state ``wanted`` as makes one more probable; None if nowhere."""
-        at, before = self.at, self._cost(self.z, self.left)
-        part = min(1.0, _LONGEST * at.model.arm.length / max(at.distance(wanted), 1e-300))
-        for _ in range(_SHORTENED):
+    def moved_towards(self, target: FloatArray, work: Work) -> _Local | None:
+        """Return the model at a more probable state towards ``target``; None if there is none."""
+        start, cost_before = self.prediction, self._cost(self.z, self.innovation)
+        scale = min(1.0, _LONGEST * start.model.arm.length / max(start.distance(target), 1e-300))
+        for _ in range(_MOST_HALVINGS):
             if not work.is_left:
                 break
-            new = at.moved_to(at.x + part * (wanted - at.x))
+            new = start.moved_to(start.x + scale * (target - start.x))
             try:
-                left = self.rows.left(new)
+                innovation = self.rows.innovation(new)
                 work.take(int(new.solved.iterations))
-                cost = self._cost(self._away(new.x), solve_lower(self.rows.noise_root, left))
-                if cost <= before + _SLACK * wanted.size:
-                    return _Local(self.before, self.rows, self.agreement, new, left)
+                residual = solve_lower(self.rows.noise_root, innovation)
+                cost = self._cost(self._white(new.x), residual)
+                if cost <= cost_before + _SLACK * target.size:
+                    return _Local(self.prior, self.rows, self.agreement, new, innovation)
             except SolveError as error:
                 work.take(error.iterations if isinstance(error, ConvergenceError) else 1)
-            part *= 0.5
+            scale *= 0.5
         return None
 
-    def is_last(self, step: _Step, tolerance: float) -> bool:
-        """Whether a ``step`` is short, or leads where little bends on the way."""
+    def is_converged(self, step: _Step, tolerance: float) -> bool:
+        """Return whether a ``step`` is short, or measurements are nearly linear along it."""
         if step.size <= tolerance:
             return True
-        is_straight = self.at.model.state.is_geometric and step.size <= _STRAIGHT
+        is_straight = self.prediction.model.state.is_geometric and step.size <= _STRAIGHT
         if self.second is None or not is_straight:
             return False
-        change = self._away(step.x) - self.z
-        bent = self.second @ change
-        off = 0.5 * float(np.linalg.norm(bent @ change))
-        return off <= _OFF and float(np.linalg.norm(bent @ self.spread)) <= _TURNED
+        change = self._white(step.x) - self.z
+        jacobian_change = self.second @ change
+        off, turned = 0.5 * jacobian_change @ change, jacobian_change @ self.spread
+        return bool(np.linalg.norm(off) <= _OFF and np.linalg.norm(turned) <= _TURNED)
 
-    def agreed(self) -> Agreement:
-        """The agreement with what these measurements brought."""
-        if self.bent is None:
+    def new_agreement(self) -> Agreement:
+        """Return the agreement after these measurements."""
+        if self.curvature is None:
             return self.agreement
-        second, slope = self.bent
-        root = lower_root(np.column_stack([self.jacobian, np.eye(len(self.left))]))
-        white = solve_lower(root, self.left + self.jacobian @ self.z)
+        second, slope = self.curvature
+        root = lower_root(np.column_stack([self.jacobian, np.eye(len(self.innovation))]))
+        white = solve_lower(root, self.innovation + self.jacobian @ self.z)
         shift = self.spread.T @ slope
-        # What it draws is a quadratic form of the innovation, whitened: of variance 2 |form|^2.
+        # The bias is a quadratic form of the whitened innovation, of variance 2 |form|^2.
         form = solve_lower(root, (second @ (self.spread @ shift)) @ self._gain() @ root)
         form = 0.5 * (form + form.T)
         stddev = math.sqrt(2.0) * float(np.linalg.norm(form))
@@ -305,31 +306,31 @@ class _Local:
 
 
 def _fit(local: _Local, work: Work, tolerance: float = _TOLERANCE) -> Fit:
-    """The mean, from a ``local`` model on; SolveError if there is no trustworthy shape there."""
+    """Return the mean, by iteration from a ``local`` model."""
     step, is_converged = local.step(), True
-    while is_converged and not local.is_last(step, tolerance):
-        if (moved := local.moved(local.wanted(step), work)) is None:
+    while is_converged and not local.is_converged(step, tolerance):
+        if (new_local := local.moved_towards(local.target_mean(step), work)) is None:
             is_converged = False
         else:
-            local, step = moved, moved.step()
+            local, step = new_local, new_local.step()
     root = local.root
     if not is_converged:
-        root = lower_root(np.column_stack([root, step.x - local.at.x]))
-    return Fit(Gaussian(step.x, root), local.at, local.agreed(), is_converged)
+        root = lower_root(np.column_stack([root, step.x - local.prediction.x]))
+    return Fit(Gaussian(step.x, root), local.prediction, local.new_agreement(), is_converged)
 
 
 def gradient(gain: FloatArray, second: FloatArray) -> FloatArray:
-    """Gradient of ln(det A) / 2 by the state, (n,), for a ``gain`` (n, m): tr(P+ J' R^-1 dJ)."""
+    """Return the gradient tr(P+ J' R^-1 dJ) of ln(det A) / 2, (n,), for a ``gain`` (n, m)."""
     return np.asarray(gain.T.ravel() @ second.reshape(gain.size, -1))
 
 
 def nearest_possible(model: ArmModel, known: Gaussian) -> FloatArray:
-    """The likeliest state of tensions >= 0 of what is ``known``, (n,)."""
-    tension, found = model.state.tension, known.mean
-    slack = np.zeros(found.size, dtype=bool)
-    while (found[tension] < 0.0).any():
-        slack[tension] |= found[tension] < 0.0
-        change = np.linalg.lstsq(known.root[slack], -known.mean[slack], rcond=None)[0]
-        found = known.mean + known.root @ change
-        found[slack] = 0.0
-    return found
+    """Return the most probable state with tensions >= 0 of a ``known`` distribution, (n,)."""
+    tension, mean = model.state.tension, known.mean
+    is_slack = np.zeros(mean.size, dtype=bool)
+    while (mean[tension] < 0.0).any():
+        is_slack[tension] |= mean[tension] < 0.0
+        change = np.linalg.lstsq(known.root[is_slack], -known.mean[is_slack], rcond=None)[0]
+        mean = known.mean + known.root @ change
+        mean[is_slack] = 0.0
+    return mean

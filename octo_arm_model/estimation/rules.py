@@ -1,4 +1,4 @@
-"""What is taken for granted of sensors, how they contradict a hypothesis, and how often."""
+"""The assumptions about sensors, and the statistics of their innovations."""
 
 from __future__ import annotations
 
@@ -17,24 +17,23 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.rod.sensitivity import chi_square_limit
 
 GATE = 0.9999
-RECENT = 200  # innovations of a kind that count as recent
-DOUBTS = 2  # load cells that are doubted at once at most, unless it is all of them
-_ALL = 4.0  # load cells that lie together as rarely as all of them
+RECENT = 200  # number of innovations of a kind that count as recent
+DOUBTS = 2  # largest number of load cells that are doubted at once, other than all of them
+_ALL = 4.0  # all load cells are as improbable to be wrong as this number of independent ones
 
-Doubts = frozenset[str]  # names of sensors that a hypothesis does not believe
+Doubts = frozenset[str]  # names of the sensors that a hypothesis does not use
 
 
 @dataclass(frozen=True)
 class Rules:
-    """What an estimator takes for granted of sensors.
+    """The assumptions of an estimator about sensors.
 
     Attributes:
         gate: probability with which a right measurement is accepted.
-        cell_fault: probability of a load cell to lie, in parts of that of all being right; 0 for
-            load cells that never do.
-        sensor_fault: likewise of any other sensor.
-        recover_after: for how long all hypotheses have to be contradicted to begin anew [s]; 0 for
-            never.
+        cell_fault: probability that a load cell is wrong, over that of all sensors being right;
+            0 for load cells that are never wrong.
+        sensor_fault: the same ratio for any other sensor.
+        recover_after: time until an estimate that is contradicted begins anew [s]; 0 for never.
 
     Raises:
         MeasurementError: if a number is outside its range.
@@ -60,11 +59,11 @@ class Rules:
 
     @property
     def doubts_any(self) -> bool:
-        """Whether any sensor may lie for longer than a message."""
+        """Whether a sensor may be wrong for longer than one message."""
         return bool(self.cell_fault or self.sensor_fault)
 
     def improbability(self, doubts: Doubts, cells: Doubts) -> float:
-        """Of the ``doubts`` of a hypothesis, of an arm with such load ``cells`` [nat]."""
+        """Return -ln of the prior probability of ``doubts`` [nat], given all load ``cells``."""
         count = len(doubts & cells)
         of_cells = _ALL if count > DOUBTS else count
         parts = (of_cells, self.cell_fault), (len(doubts - cells), self.sensor_fault)
@@ -72,32 +71,32 @@ class Rules:
 
 
 class Channels:
-    """Which numbers of several measurements are of one sensor.
+    """The sensors of the numbers of several measurements.
 
     Attributes:
-        names: of the sensor of each number, (m,).
-        is_same: whether two are of the same one, (m, m).
-        counts: how many numbers the sensor of each measures, (m,).
+        names: name of the sensor of each number, (m,).
+        is_same: whether two numbers are of the same sensor, (m, m).
+        counts: how many numbers the sensor of each number measures, (m,).
     """
 
     def __init__(self, names: tuple[str, ...]) -> None:
-        """Of numbers of sensors of these ``names``."""
+        """Group numbers by the ``names`` (m,) of their sensors."""
         self.names = names
-        self.is_same = np.array([[one == other for one in names] for other in names])
+        self.is_same = np.array([[name == other_name for name in names] for other_name in names])
         self.counts = self.is_same.sum(axis=1)
 
     def limits(self, gate: float) -> FloatArray:
-        """Largest normalised square of each sensor that is within the ``gate``, (m,)."""
+        """Return the largest normalised square that the ``gate`` accepts of each sensor, (m,)."""
         return np.array([chi_square_limit(gate, count) for count in self.counts.tolist()])
 
     def is_in(self, doubts: Doubts) -> NDArray[np.bool_]:
-        """Which numbers are of sensors that are doubted, (m,)."""
+        """Return which numbers are of sensors in ``doubts``, (m,)."""
         return np.array([name in doubts for name in self.names])
 
     def squares(self, innovation: FloatArray, expected: FloatArray) -> FloatArray:
-        """Normalised square of the sensor of each number, (hypotheses, m).
+        """Return the normalised square of the sensor of each number, (hypotheses, m).
 
-        Of an ``innovation`` (hypotheses, m), by its covariance ``expected`` (hypotheses, m, m).
+        The ``innovation`` (hypotheses, m) has the covariance ``expected`` (hypotheses, m, m).
         """
         solved = np.linalg.solve(expected * self.is_same, innovation[..., np.newaxis])[..., 0]
         return np.asarray((innovation * solved) @ self.is_same)
@@ -107,14 +106,14 @@ channels_of = functools.lru_cache(maxsize=64)(Channels)
 
 
 class Innovation(NamedTuple):
-    """What one measurement brought.
+    """The difference of one measurement from its prediction.
 
     Attributes:
-        name: of the measurement, or of one load cell that was refused.
+        name: name of the measurement, or of one load cell that was refused.
         value: measured less predicted before it, linearised about the estimate, (m,).
-        covariance: expected of that, likewise, (m, m).
-        normalised_square: of the value by the covariance. Chi-square of m where all is as told.
-        is_accepted: whether it was used.
+        covariance: expected covariance of the value, linearised about the estimate, (m, m).
+        normalised_square: square of the value by the covariance; chi-square if noise is right.
+        is_accepted: whether the measurement was used.
     """
 
     name: str
@@ -126,17 +125,16 @@ class Innovation(NamedTuple):
 
 @dataclass
 class Consistency:
-    """Innovations of one kind of measurement.
+    """Statistics of the innovations of one kind of measurement.
 
     Attributes:
-        accepted: how many measurements.
-        refused: how many the gate refused.
-        square: sum of the normalised squares of those accepted; chi-square of `size` where all
-            is as told.
-        size: of how many numbers.
-        recent: square and size of the newest of them.
-        refused_from: stamp of the first one refused [ns]; None of none.
-        refused_to: of the last.
+        accepted: number of accepted measurements.
+        refused: number of measurements that the gate refused.
+        square: sum of their normalised squares; chi-square of `size` degrees if noise is right.
+        size: number of numbers in the accepted ones.
+        recent: normalised square and size of the newest accepted ones.
+        refused_from: stamp of the first refused one [ns]; None if there is none.
+        refused_to: stamp of the last refused one [ns]; None if there is none.
     """
 
     accepted: int = 0
@@ -151,16 +149,16 @@ class Consistency:
 
     @property
     def mean(self) -> float:
-        """Mean of the normalised squares per number, 1 where all is as told; NaN of none."""
+        """Mean normalised square per number: about 1 if the noise is right, NaN without data."""
         return self.square / self.size if self.size else math.nan
 
-    def count(self, stamp_ns: int, one: Innovation) -> None:
-        """Count an innovation."""
-        if one.is_accepted:
+    def count(self, stamp_ns: int, innovation: Innovation) -> None:
+        """Count an ``innovation`` of a message with this stamp [ns]."""
+        if innovation.is_accepted:
             self.accepted += 1
-            self.square += one.normalised_square
-            self.size += one.value.size
-            self.recent.append((one.normalised_square, one.value.size))
+            self.square += innovation.normalised_square
+            self.size += innovation.value.size
+            self.recent.append((innovation.normalised_square, innovation.value.size))
             return
         self.refused += 1
         if self.refused_from is None:
@@ -171,6 +169,6 @@ class Consistency:
 def count_innovations(
     consistency: dict[str, Consistency], stamp_ns: int, innovations: Sequence[Innovation]
 ) -> None:
-    """Count ``innovations`` of one stamp [ns] in the ``consistency`` of their kinds."""
-    for one in innovations:
-        consistency.setdefault(one.name, Consistency()).count(stamp_ns, one)
+    """Count ``innovations`` of one stamp [ns] in the ``consistency`` of their kinds, by name."""
+    for innovation in innovations:
+        consistency.setdefault(innovation.name, Consistency()).count(stamp_ns, innovation)

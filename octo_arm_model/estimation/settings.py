@@ -1,4 +1,4 @@
-"""What an estimator takes for unknown and how exact sensors are, from its parameters."""
+"""The settings of an estimator: its parameters, the unknowns and the noise of the sensors."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from octo_arm_model.estimation.rules import GATE, Rules
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk, facing_area, place_names
 
 CONTACTS = ('tip', 'at', 'somewhere', 'current', 'none')
-MAX_PLACES = 50  # of a contact
-MAX_MARKERS = 300  # whose coordinates are one measurement
-PLACES = 5  # of a contact somewhere, evenly along the arm
-BENT = 0.1  # of the length: how far the default of the force moves the tip
+MAX_PLACES = 50  # largest number of places of a contact
+MAX_MARKERS = 300  # largest number of markers, whose coordinates are one measurement
+PLACES = 5  # default number of places of a contact somewhere, evenly along the arm
+BENT = 0.1  # displacement of the tip by the default force, over the length
 RECOVER_AFTER = 1.0  # [s]
 CELL_FAULT, SENSOR_FAULT = 0.1, 0.005
-TURNED = 2.0  # [rad] by which a tendon turns up to where its friction counts on average
+TURNED = 2.0  # angle by which a tendon turns up to a section whose friction is average [rad]
 PREFIX = 'estimator.'
-_TENSION = 0.02  # [N], where neither the arm nor the recording says how exact load cells are
+_TENSION = 0.02  # noise of load cells if neither the arm nor the recording states one [N]
 
 
 @dataclass(frozen=True)
@@ -152,13 +152,13 @@ ESTIMATOR_PARAMETERS = EstimatorParameters.table()
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations of what is measured; 0 where they are not known.
+    """The standard deviations of measurements; 0 if unknown.
 
     Attributes:
-        tension: [N].
-        model_position: of each coordinate of tip and markers, by the error of the model [m].
-        model_rotation: of the rotation vector of the tip, likewise [rad].
-        given: all parameters of the estimator: also those of other sensors, and where they are.
+        tension: noise of load cells [N].
+        model_position: error of the model in each coordinate of tip and markers [m].
+        model_rotation: error of the model in the rotation vector of the tip [rad].
+        given: all parameters of the estimator, among them noise and places of other sensors.
     """
 
     tension: float
@@ -168,11 +168,11 @@ class SensorNoise:
 
 
 class TensionStatistics(NamedTuple):
-    """How tensions of a recording vary; 0 where it does not tell.
+    """The statistics of the tensions of a recording; 0 if it does not determine them.
 
     Attributes:
         noise: standard deviation of one reading [N].
-        rate: of the change in a second, of a random walk that keeps up with them [N/s^0.5].
+        rate: rate of a random walk that follows the tensions [N/s^0.5].
     """
 
     noise: float = 0.0
@@ -181,15 +181,15 @@ class TensionStatistics(NamedTuple):
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """An estimator's parameters, checked, with what the arm's description has for defaults.
+    """The checked settings of an estimator, with defaults from the arm's description.
 
     Attributes:
-        unknowns: of each hypothesis, by its name; one where the place of contact is given.
-        noise: of the sensors.
-        rules: what is taken for granted of sensors.
-        window: how late measurements may come [s].
-        change_time: see `Estimator` [s].
-        notes: values that were not given, in words.
+        unknowns: unknowns of each place of contact, by its name; one if the place is given.
+        noise: noise of the sensors.
+        rules: assumptions about the sensors.
+        window: largest delay of a measurement [s].
+        change_time: mean time after which the contact moves to another place [s].
+        notes: values of parameters that were not given, in words.
     """
 
     unknowns: Mapping[str, Unknowns]
@@ -203,9 +203,9 @@ class EstimatorSettings:
     def from_parameters(
         cls, values: Mapping[str, Any], config: Config, recorded: TensionStatistics | None = None
     ) -> EstimatorSettings:
-        """From dotted names to values, of the estimator alone, for the arm of ``config``.
+        """Return the settings by the estimator's ``values`` (dotted names) for a ``config``.
 
-        What is not given is that of the tensions ``recorded``, where there are any.
+        Parameters of tensions that are not given follow from those ``recorded``, if any.
 
         Raises:
             ConfigError: if a parameter is unknown or of the wrong type.
@@ -213,34 +213,34 @@ class EstimatorSettings:
             MeasurementError: if a contact is not on the arm.
         """
         table, arm = ESTIMATOR_PARAMETERS, config.arm
-        refuse_unknown(values, [one.name for one in table], 'the estimator')
-        given = EstimatorParameters.of(
-            {one.name: one.convert(values.get(one.name, one.default)) for one in table}
+        refuse_unknown(values, [entry.name for entry in table], 'the estimator')
+        options = EstimatorParameters.of(
+            {entry.name: entry.convert(values.get(entry.name, entry.default)) for entry in table}
         )
-        _check(given, arm)
-        # Up to rounding places are on the arm.
+        _check(options, arm)
+        # Places beyond the tip by rounding are moved to the tip.
         contact_s, marker_s = (
-            tuple(min(s, arm.length) for s in places)
-            for places in (given.contact_s, given.marker_s)
+            tuple(min(s, arm.length) for s in positions)
+            for positions in (options.contact_s, options.marker_s)
         )
-        given = dataclasses.replace(given, contact_s=contact_s, marker_s=marker_s)
+        options = dataclasses.replace(options, contact_s=contact_s, marker_s=marker_s)
         recorded, notes = recorded or TensionStatistics(), list[str]()
         return cls(
-            _unknowns(given, config, recorded, notes),
-            _noise(given, config, recorded, notes),
-            Rules(given.gate, given.cell_fault, given.sensor_fault, given.recover_after),
-            given.window,
-            given.change_time,
+            _unknowns(options, config, recorded, notes),
+            _noise(options, config, recorded, notes),
+            Rules(options.gate, options.cell_fault, options.sensor_fault, options.recover_after),
+            options.window,
+            options.change_time,
             tuple(notes),
         )
 
     def models(self, config: Config, **options: Any) -> dict[str, ArmModel]:
-        """The arm of ``config`` with the unknowns of each hypothesis, solved by the model exact.
+        """Return a model of the arm of ``config`` for each place of contact, by its name.
 
         ``options`` are those of `ArmModel.of`.
 
         Raises:
-            ConfigError: as `ArmModel`.
+            ConfigError: if the arm or its loads do not fit the unknowns.
         """
         return {
             name: ArmModel.of(config, unknowns, **options)
@@ -248,83 +248,84 @@ class EstimatorSettings:
         }
 
 
-def _check(given: EstimatorParameters, arm: Arm) -> None:
-    """Check places against the arm, and what a range alone does not tell."""
-    contact, places = given.contact, given.contact_s
+def _check(options: EstimatorParameters, arm: Arm) -> None:
+    """Check the places against the arm, and the parameters against each other."""
+    contact, positions = options.contact, options.contact_s
     if contact not in CONTACTS:
         raise ConfigError(
             f'estimator.contact is {shown(contact)}, expected one of {", ".join(CONTACTS)}'
         )
-    if places and contact not in ('at', 'somewhere'):
+    if positions and contact not in ('at', 'somewhere'):
         raise ConfigError(f'estimator.contact_s is given, which goes not with contact {contact}')
-    if contact == 'at' and not places:
+    if contact == 'at' and not positions:
         raise ConfigError('estimator.contact_s is empty, expected where the arm is touched [m]')
     for name, low in (('contact_s', 'over 0'), ('marker_s', 'from 0')):
-        for s in getattr(given, name):
+        for s in getattr(options, name):
             if not 0.0 <= s <= arm.length * (1.0 + 1e-9) or (s == 0.0 and name == 'contact_s'):
                 raise ConfigError(
                     f'estimator.{name} has {s:g}, expected {low} to {arm.length:g} m'
                 )
-    if len({min(s, arm.length) for s in places}) < len(places):
+    if len({min(s, arm.length) for s in positions}) < len(positions):
         raise ConfigError(
-            f'estimator.contact_s is {shown(list(places))}, expected each place once'
+            f'estimator.contact_s is {shown(list(positions))}, expected each place once'
         )
-    if not 0.0 < given.gate < 1.0:
-        raise ConfigError(f'estimator.gate is {given.gate}, expected within (0, 1)')
+    if not 0.0 < options.gate < 1.0:
+        raise ConfigError(f'estimator.gate is {options.gate}, expected within (0, 1)')
 
 
 def _unknowns(
-    given: EstimatorParameters, config: Config, recorded: TensionStatistics, notes: list[str]
+    options: EstimatorParameters, config: Config, recorded: TensionStatistics, notes: list[str]
 ) -> Mapping[str, Unknowns]:
-    """The unknowns of every hypothesis."""
-    arm, time = config.arm, given.force_time
-    # Tendons that end near the tip are pulled by far less than those of the base.
+    """Return the unknowns of every place of contact, by its name."""
+    arm, time = config.arm, options.force_time
+    # Tendons that end near the tip have far lower tensions than those that end near the base.
     highest = default_highest(arm).ravel().tolist()
-    rate = given.tension_rate or recorded.rate
-    if rate > given.tension_rate:
+    rate = options.tension_rate or recorded.rate
+    if rate > options.tension_rate:
         notes.append(f'tensions change by {rate:.3g} N in a second (as fast as recorded)')
         _check_recorded('tensions change by', rate, 'N in a second', 'estimator.tension_rate')
     elif not rate:
-        most = f'up to {max(highest):.3g} N'
-        notes.append(f'tensions change by {most} in a second (what each tendon is pulled by)')
-    fixed: dict[str, Any] = {'tension': tuple(Walk(max(h, rate), rate or h) for h in highest)}
-    fixed |= _slow_unknowns(given, config, notes)
-    if given.contact == 'none':
-        return {'none': Unknowns(**fixed)}
-    stddev = given.force_stddev or bending_force(arm, BENT)
-    if not given.force_stddev:
+        largest = f'up to {max(highest):.3g} N'
+        notes.append(f'tensions change by {largest} in a second (what each tendon is pulled by)')
+    tension = tuple(Walk(max(high, rate), rate or high) for high in highest)
+    common: dict[str, Any] = {'tension': tension}
+    common |= _slow_unknowns(options, config, notes)
+    if options.contact == 'none':
+        return {'none': Unknowns(**common)}
+    stddev = options.force_stddev or bending_force(arm, BENT)
+    if not options.force_stddev:
         notes.append(f'forces of {stddev:.3g} N are expected ({BENT:g} L at the tip)')
-    if given.contact == 'current':
-        pressure = given.current_stddev or stddev / facing_area(arm)
-        return {'current': Unknowns(**fixed, current=Walk.stationary(pressure, time))}
+    if options.contact == 'current':
+        pressure = options.current_stddev or stddev / facing_area(arm)
+        return {'current': Unknowns(**common, current=Walk.stationary(pressure, time))}
     force = Walk.stationary(stddev, time)
-    if given.contact == 'tip':
-        if given.moment_stddev:
-            fixed['tip_moment'] = Walk.stationary(given.moment_stddev, time)
-        return {'tip': Unknowns(**fixed, tip_force=force)}
-    places = given.contact_s
-    if given.contact == 'at':
-        points = tuple(PointForce(s, force) for s in places)
-        return {'at': Unknowns(**fixed, point_forces=points)}
-    # The last of them is the tip itself, whatever the length.
-    places = places or tuple((n + 1) / PLACES * arm.length for n in range(PLACES))
-    hypotheses = {'none': Unknowns(**fixed)}
-    for name, s in zip(place_names(places), places, strict=True):
-        hypotheses[name] = Unknowns(**fixed, point_forces=(PointForce(s, force),))
+    if options.contact == 'tip':
+        if options.moment_stddev:
+            common['tip_moment'] = Walk.stationary(options.moment_stddev, time)
+        return {'tip': Unknowns(**common, tip_force=force)}
+    positions = options.contact_s
+    if options.contact == 'at':
+        points = tuple(PointForce(s, force) for s in positions)
+        return {'at': Unknowns(**common, point_forces=points)}
+    # The quotient comes first, so that the last place is exactly the tip.
+    positions = positions or tuple((n + 1) / PLACES * arm.length for n in range(PLACES))
+    hypotheses = {'none': Unknowns(**common)}
+    for name, s in zip(place_names(positions), positions, strict=True):
+        hypotheses[name] = Unknowns(**common, point_forces=(PointForce(s, force),))
     return hypotheses
 
 
 def _slow_unknowns(
-    given: EstimatorParameters, config: Config, notes: list[str]
+    options: EstimatorParameters, config: Config, notes: list[str]
 ) -> dict[str, Walk]:
-    """Those of load cells, friction and the material, which change slowly."""
-    found, arm = {}, config.arm
-    if given.tension_bias_stddev:
-        found['tension_bias'] = Walk(given.tension_bias_stddev, given.tension_bias_rate)
-    loss = given.tension_loss_stddev or TURNED * max(arm.friction, default=0.0)
+    """Return the unknowns of load cells, friction and material, which change slowly."""
+    walks, arm = {}, config.arm
+    if options.tension_bias_stddev:
+        walks['tension_bias'] = Walk(options.tension_bias_stddev, options.tension_bias_rate)
+    loss = options.tension_loss_stddev or TURNED * max(arm.friction, default=0.0)
     if loss:
-        found['tension_loss'] = Walk.stationary(loss, given.force_time)
-        if not given.tension_loss_stddev:
+        walks['tension_loss'] = Walk.stationary(loss, options.force_time)
+        if not options.tension_loss_stddev:
             notes.append(f'friction may hold back {loss:.3g} of each tension')
     if config.uncertainty.youngs_modulus:
         if arm.sheath_stiffness:
@@ -332,22 +333,22 @@ def _slow_unknowns(
                 f'material.youngs_modulus_stddev is {config.uncertainty.youngs_modulus:g}, '
                 'expected 0 with tendons.sheath_stiffness, which is not in proportion to E'
             )
-        found['log_modulus'] = Walk(config.uncertainty.youngs_modulus)
-    return found
+        walks['log_modulus'] = Walk(config.uncertainty.youngs_modulus)
+    return walks
 
 
-def _check_recorded(what: str, value: float, unit: str, name: str) -> None:
-    """Check what is taken from a recording where the parameter ``name`` is not given."""
+def _check_recorded(quantity: str, value: float, unit: str, name: str) -> None:
+    """Check a recorded ``value`` that replaces the parameter ``name``, which is not given."""
     if value > LARGEST:
         raise ConfigError(
-            f'{what} {value:.3g} {unit} as recorded, expected at most {LARGEST:g}: give {name}'
+            f'{quantity} {value:.3g} {unit} as recorded, expected at most {LARGEST:g}: give {name}'
         )
 
 
 def _noise(
-    given: EstimatorParameters, config: Config, recorded: TensionStatistics, notes: list[str]
+    options: EstimatorParameters, config: Config, recorded: TensionStatistics, notes: list[str]
 ) -> SensorNoise:
-    """Noise of the sensors; that of the load cells is the arm's, or else of the recording."""
+    """Return the noise of the sensors; the load cells' is the arm's, or else the recording's."""
     known, tension = config.uncertainty, config.uncertainty.tension or recorded.noise
     if tension > known.tension:
         _check_recorded('tensions vary by', tension, 'N', 'tension_stddev')
@@ -355,4 +356,4 @@ def _noise(
     elif not tension:
         tension = _TENSION
         notes.append(f'tensions are measured to {tension:g} N (tension_stddev is not given)')
-    return SensorNoise(tension, known.model_position, known.model_rotation, given)
+    return SensorNoise(tension, known.model_position, known.model_rotation, options)

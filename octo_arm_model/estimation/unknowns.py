@@ -1,4 +1,4 @@
-"""What is estimated of an arm, and how each of it may change in time."""
+"""The unknown quantities of an arm, and how each may change in time."""
 
 from __future__ import annotations
 
@@ -24,19 +24,18 @@ _ALONG: tuple[tuple[float, float, float], ...] = (
     (0.0, 1.0, 0.0),
     (0.0, 0.0, 1.0),
 )
-_PIECES = 64  # of the table of a current along an arm that is no cone
-_FINE = 256  # likewise of a quadrature
+_PIECES = 64  # pieces of the table of a current along an arm that is not a cone
+_FINE = 256  # pieces of the quadrature of `facing_area`
 
 
 @dataclass(frozen=True)
 class Walk:
-    """Prior of a quantity in time: random walk or, with a correlation time, Gauss-Markov process.
+    """The prior of a quantity in time: a random walk, or a Gauss-Markov process.
 
     Attributes:
         stddev: standard deviation at the start, about zero, > 0 [unit of the quantity].
-        rate: of the random walk, standard deviation of the change in a second [unit/s^0.5], >= 0.
-        correlation_time: in which a deviation from zero decays by e without measurements, > 0
-            [s]; infinite of a random walk.
+        rate: standard deviation of the random change in a second, >= 0 [unit/s^0.5].
+        correlation_time: time in which the mean decays by e, > 0 [s]; infinite for a random walk.
 
     Raises:
         MeasurementError: if a value is outside its range.
@@ -59,7 +58,7 @@ class Walk:
 
     @classmethod
     def stationary(cls, stddev: float, correlation_time: float) -> Walk:
-        """Gauss-Markov process of one standard deviation at all times."""
+        """Return the Gauss-Markov process whose standard deviation is constant without data."""
         return cls(stddev, stddev * math.sqrt(2.0 / correlation_time), correlation_time)
 
 
@@ -69,7 +68,7 @@ class PointForce:
 
     Attributes:
         s: arc coordinate of the cross section [m].
-        force: prior of each of its components in base_frame [N].
+        force: prior of each component of the force in base_frame [N].
     """
 
     s: float
@@ -78,20 +77,20 @@ class PointForce:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What is estimated; None is known to be zero.
+    """The priors of the estimated quantities; a quantity whose prior is None is zero.
 
     Attributes:
         tension: true tension of every tendon, one prior for all or one for each [N].
-        tension_bias: what every load cell shows too much [N].
+        tension_bias: constant error of every load cell, shown less true tension [N].
         tip_force: each component of an external force on the tip, in base_frame [N].
-        tip_moment: likewise of a moment [N m].
+        tip_moment: each component of an external moment on the tip, in base_frame [N m].
         point_forces: external forces on given cross sections.
         current: each component of the pressure of a uniform current [Pa]: a dead force per
             reference length, pressure times diameter, whatever the inclination of the arm.
         log_modulus: logarithm of E over that of the arm's description [-].
-        tension_loss: of every tendon, logarithm of its tension at the base over the one constant
-            tension along the arm that does as much, which friction makes less where it is drawn in
-            and more where it is let out [-].
+        tension_loss: logarithm of the tension of every tendon at the base over the constant
+            tension along the arm that has the same effect [-]. Friction makes the latter less
+            where a tendon is drawn in and more where it is let out.
     """
 
     tension: Walk | tuple[Walk, ...]
@@ -104,10 +103,10 @@ class Unknowns:
     tension_loss: Walk | None = None
 
 
-def place_names(places: Sequence[float]) -> list[str]:
-    """Names of ``places`` [m]: four digits, or as many as tell them apart."""
+def place_names(positions: Sequence[float]) -> list[str]:
+    """Return names of ``positions`` [m] with four digits, or as many as make them different."""
     for digits in range(4, 18):
-        names = [f'{s:.{digits}g} m' for s in places]
+        names = [f'{s:.{digits}g} m' for s in positions]
         if len(set(names)) == len(names):
             break
     return names
@@ -117,22 +116,22 @@ class State:
     """The unknowns of one arm as a vector.
 
     Attributes:
-        unknowns: what it holds.
-        names: of its components.
-        size: how many they are.
+        unknowns: the estimated quantities and their priors.
+        names: names of the components.
+        size: number of components.
         shapes: whether the shape depends on a component, (n,).
         tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus,
-        tension_loss: where each is in the vector; empty slices for what is not estimated.
-        unit_loads: where the magnitudes of `unit_loads` are.
-        is_geometric: whether all that the shape depends on is in `TipCurvature` but for sections.
+        tension_loss: slice of the vector with this quantity; empty if it is not estimated.
+        unit_loads: slice of the vector with the magnitudes of `unit_loads`.
+        is_geometric: whether `TipCurvature` leaves out no quantity but the stiffness of sections.
     """
 
     def __init__(self, unknowns: Unknowns, arm: Arm) -> None:
-        """Lay out ``unknowns`` of ``arm``.
+        """Lay out the vector of the ``unknowns`` of an ``arm``.
 
         Raises:
-            MeasurementError: if a point force is not on the arm, or there is not one prior of the
-                tension for each tendon.
+            MeasurementError: if a point force is not on the arm, or the number of priors of the
+                tension is not that of the tendons.
         """
         check_class('unknowns', unknowns, Unknowns)
         check_class('arm', arm, Arm)
@@ -172,32 +171,32 @@ class State:
         ).T
 
     def _add(
-        self, what: str, walk: Walk | tuple[Walk, ...] | None, parts: tuple[str, ...]
+        self, quantity: str, walk: Walk | tuple[Walk, ...] | None, components: tuple[str, ...]
     ) -> slice:
         start = len(self.names)
-        check_class(what, walk, Walk, Sequence, NoneType)
+        check_class(quantity, walk, Walk, Sequence, NoneType)
         if walk is not None:
-            walks = len(parts) * (walk,) if isinstance(walk, Walk) else walk
-            if len(walks) != len(parts):
-                expected = f'one or {len(parts)}: {", ".join(parts)}'
-                raise MeasurementError(f'{what} has {len(walks)} priors, expected {expected}')
-            for one in walks:
-                check_class(what, one, Walk)
-            self.names += [f'{what} {part}' for part in parts]
+            walks = len(components) * (walk,) if isinstance(walk, Walk) else walk
+            if len(walks) != len(components):
+                expected = f'one or {len(components)}: {", ".join(components)}'
+                raise MeasurementError(f'{quantity} has {len(walks)} priors, expected {expected}')
+            for component_walk in walks:
+                check_class(quantity, component_walk, Walk)
+            self.names += [f'{quantity} {part}' for part in components]
             self._walks += walks
         return slice(start, len(self.names))
 
     @property
     def prior(self) -> Gaussian:
-        """What is known before anything is measured."""
+        """The distribution of the state before any measurement."""
         return Gaussian(np.zeros(self.size), np.diag(self._stddev))
 
     def prior_stddev(self, elapsed: float = 0.0) -> FloatArray:
-        """Standard deviation of every component ``elapsed`` [s] after the start, unmeasured."""
+        """Return the deviations (n,) of the prior ``elapsed`` [s] after the start."""
         return np.hypot(self._stddev * self.decay(elapsed), self.growth(elapsed))
 
     def later(self, known: Gaussian, elapsed: float) -> Gaussian:
-        """What was ``known`` ``elapsed`` [s] ago."""
+        """Return the distribution that a ``known`` one becomes ``elapsed`` [s] later."""
         decay, growth = self.decay(elapsed), self.growth(elapsed)
         if not growth.any() and (decay == 1.0).all():
             return known
@@ -205,44 +204,44 @@ class State:
         return Gaussian(decay * known.mean, root)
 
     def decay(self, elapsed: float) -> FloatArray:
-        """What is left of every component after ``elapsed`` [s]."""
+        """Return the factor (n,) by which the mean decays in ``elapsed`` [s]."""
         return np.exp(-elapsed / self._time)
 
     def growth(self, elapsed: float) -> FloatArray:
-        """Standard deviation that comes to every component in ``elapsed`` [s]."""
-        past = 2.0 * elapsed / self._time
-        # A random walk, of endless correlation, keeps all that comes in.
-        kept = np.divide(-np.expm1(-past), past, out=np.ones_like(past), where=past > 0.0)
-        return np.asarray(self._rate * np.sqrt(elapsed * kept))
+        """Return the standard deviation (n,) of the random change in ``elapsed`` [s]."""
+        ratio = 2.0 * elapsed / self._time
+        # A random walk, whose correlation time is infinite, decays by nothing.
+        remaining = np.divide(-np.expm1(-ratio), ratio, out=np.ones_like(ratio), where=ratio > 0.0)
+        return np.asarray(self._rate * np.sqrt(elapsed * remaining))
 
 
 def unit_loads(arm: Arm, unknowns: Unknowns) -> tuple[Loads, ...]:
-    """Of the point forces and the current of ``unknowns`` on ``arm``, each along every axis."""
-    unit = [
+    """Return unit loads: each point force and the current of ``unknowns``, along every axis."""
+    loads = [
         Loads(points=(PointLoad(point.s, axis),))
         for point in unknowns.point_forces
         for axis in _ALONG
     ]
     if unknowns.current is not None:
-        unit += [Loads(distributed=(_current(arm, axis),)) for axis in _ALONG]
-    return tuple(unit)
+        loads += [Loads(distributed=(_current(arm, axis),)) for axis in _ALONG]
+    return tuple(loads)
 
 
 def _current(arm: Arm, axis: tuple[float, float, float]) -> DistributedLoad:
-    """Pressure of 1 Pa along ``axis``, times the diameter."""
+    """Return the force per length of a pressure of 1 Pa along ``axis`` on the diameter."""
     profiles = arm.body.profiles.values()
     s = np.array([0.0, arm.length])
     if not all(isinstance(profile, (Constant, Linear)) for profile in profiles):
-        inside = sorted({knot for knot in arm.body.knots if 0.0 < knot < arm.length})
-        ends = [0.0, *inside, arm.length]
-        # Parts of what is between two knots; a load has no more points than a table may have.
-        parts = max(1, _PIECES // (len(ends) - 1))
-        s = np.interp(np.arange(parts * (len(ends) - 1) + 1) / parts, np.arange(len(ends)), ends)
+        inner = sorted({knot for knot in arm.body.knots if 0.0 < knot < arm.length})
+        ends = [0.0, *inner, arm.length]
+        # Pieces between two knots; a load has no more points than a table may have.
+        pieces = max(1, _PIECES // (len(ends) - 1))
+        s = np.interp(np.arange(pieces * (len(ends) - 1) + 1) / pieces, np.arange(len(ends)), ends)
     force = np.outer(2.0 * arm.body.radius(s), axis)
     return DistributedLoad(tuple(s.tolist()), tuple(map(tuple, force.tolist())))
 
 
 def facing_area(arm: Arm) -> float:
-    """Diameter integrated over the unloaded arm [m^2]: what a pressure of 1 Pa acts on."""
+    """Return the area of the unloaded arm seen from the side [m^2], on which a pressure acts."""
     s = np.linspace(0.0, arm.length, _FINE + 1)
     return float(trapezoid(2.0 * arm.body.radius(s), s))

@@ -61,7 +61,7 @@ def _smoothed(
     for group, update in filtered:
         if update.begins_anew:
             parts.append([])
-        update.estimate.at.forget()
+        update.estimate.prediction.forget()
         parts[-1].append((group, update.estimate))
     for number, part in enumerate(parts):
         estimates = smooth_steps([step for _, step in part])
