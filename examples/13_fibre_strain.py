@@ -20,15 +20,15 @@ class FibreStrain(Measurement):
         super().__init__([value], noise)
         self.station, self.y, self.z = station, y, z
 
-    def innovation(self, at: Prediction) -> FloatArray:
+    def innovation(self, prediction: Prediction) -> FloatArray:
         """Difference to what the state predicts, (1,)."""
-        xi, k, q = (getattr(at.solved, name)[self.station] for name in ('xi', 'k', 'q'))
+        xi, k, q = (getattr(prediction.solved, name)[self.station] for name in ('xi', 'k', 'q'))
         return self.value - (q + (1.0 + q) * (xi * self.z - k * self.y))
 
-    def jacobian(self, at: Prediction) -> FloatArray:
+    def jacobian(self, prediction: Prediction) -> FloatArray:
         """Of that prediction by the state, (1, states)."""
-        xi, k, q = (getattr(at.solved, name)[self.station] for name in ('xi', 'k', 'q'))
-        _, by_xi, by_k, by_q = at.change.strain[self.station]
+        xi, k, q = (getattr(prediction.solved, name)[self.station] for name in ('xi', 'k', 'q'))
+        _, by_xi, by_k, by_q = prediction.change.strain[self.station]
         bent = 1.0 + xi * self.z - k * self.y
         return (bent * by_q + (1.0 + q) * (self.z * by_xi - self.y * by_k))[np.newaxis]
 
