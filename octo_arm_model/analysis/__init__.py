@@ -1,1 +1,1 @@
-"""Analyses with a solver: inverse, displacements of winches, workspace, geometry to draw."""
+"""Analyses by a solver: inverse, arms driven by winches, workspace, geometry to draw."""

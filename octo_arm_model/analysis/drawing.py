@@ -1,4 +1,4 @@
-"""Geometry of solved arms: triangles, discs and lines, uncertainty, and self-intersection."""
+"""The geometry of solved arms: triangles, discs, lines, uncertainty, and self-intersection."""
 
 import math
 from typing import NamedTuple
@@ -15,11 +15,11 @@ from octo_arm_model.rod.section_formulas import widening
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.rod.stations import interpolated, nearest
 
-_LEAST = 1e-30  # [m^2] lower bound of a squared length that is divided by
+_LEAST = 1e-30  # lower bound of a squared length in a denominator [m^2]
 
 
 def equal_axes(points: FloatArray, half: float = 0.53) -> FloatArray:
-    """Ends (3, 2) of axes about ``points`` (..., 3), of twice ``half`` their largest extent."""
+    """Return ends (3, 2) of axes about ``points`` (..., 3), twice ``half`` their extent long."""
     low, high = (end(points.reshape(-1, 3), axis=0) for end in (np.min, np.max))
     reach = half * (high - low).max()
     return np.stack([0.5 * (low + high) - reach, 0.5 * (low + high) + reach], axis=1)
@@ -29,8 +29,8 @@ class Overlap(NamedTuple):
     """Two points of the backbone that are nearer to each other than the sum of their radii.
 
     Attributes:
-        depth: sum of the radii less the distance [m].
-        s: arc coordinates of both, that nearer to the base first [m].
+        depth: sum of the radii less the distance of the points [m].
+        s: arc coordinates of both points, the one nearer to the base first [m].
     """
 
     depth: float
@@ -38,27 +38,27 @@ class Overlap(NamedTuple):
 
 
 def deepest_overlap(s: FloatArray, position: FloatArray, radius: FloatArray) -> Overlap | None:
-    """The overlap of largest depth of the body about a backbone; None where there is none.
+    """Return the deepest overlap of the body around a backbone with itself; None without one.
 
-    Pairs of segments between stations overlap whose centre lines are nearer to each other than
-    the sum of their radii. Neighbours are excluded: pairs nearer along the backbone than half the
-    circumference of the body. In the tightest possible bend, whose radius is that of the body,
-    this is where the backbone has turned back and is one diameter away; so a wider bend never
-    overlaps, and a tighter one does where it turns as far.
+    Two segments between stations overlap if their centre lines are nearer to each other than the
+    sum of their radii. Pairs are excluded if their distance along the backbone is less than half
+    the circumference of the body. At that distance the tightest possible bend, with the radius of
+    the body, has turned back and is one diameter away; so a wider bend never overlaps, and a
+    tighter one does if it turns as far.
 
     Args:
         s: arc coordinate of the stations [m], (stations,).
-        position: their positions [m], (stations, 3).
-        radius: of the body there [m], (stations,).
+        position: positions of the stations [m], (stations, 3).
+        radius: radius of the body at the stations [m], (stations,).
     """
     start, along = position[:-1], np.diff(position, axis=0)
     reached = np.append(0.0, np.cumsum(np.linalg.norm(along, axis=1)))
     first, second = np.triu_indices(len(along), 2)
-    # Bounding spheres first: few pairs are near enough.
+    # Bounding spheres come first, as few pairs are near enough.
     middle, half = start + 0.5 * along, 0.5 * np.diff(reached)
     thick = np.maximum(radius[:-1], radius[1:])
-    apart = np.linalg.norm(middle[second] - middle[first], axis=1)
-    is_near = apart < (thick + half)[first] + (thick + half)[second]
+    distance = np.linalg.norm(middle[second] - middle[first], axis=1)
+    is_near = distance < (thick + half)[first] + (thick + half)[second]
     first, second = first[is_near], second[is_near]
     if not first.size:
         return None
@@ -77,14 +77,14 @@ def deepest_overlap(s: FloatArray, position: FloatArray, radius: FloatArray) -> 
 
 
 def _within(values: FloatArray, segment: FloatArray, part: FloatArray) -> FloatArray:
-    """``values`` (stations,) at a ``part`` (pairs,) of each ``segment``, linear between them."""
+    """Return ``values`` (stations,) interpolated at a ``part`` (pairs,) of each ``segment``."""
     return np.asarray((1.0 - part) * values[segment] + part * values[segment + 1])
 
 
 def _nearest(
     a: FloatArray, u: FloatArray, b: FloatArray, v: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Parameters x and y of the nearest points of segments a + x u and b + y v, each (pairs, 3).
+    """Return x and y (pairs,) of the nearest points of segments a + x u and b + y v (pairs, 3).
 
     Ericson, Real-Time Collision Detection (2005), section 5.1.9.
     """
@@ -97,34 +97,34 @@ def _nearest(
     x = np.where(is_skew, (uv * vo - uo * vv) / np.where(is_skew, determinant, 1.0), 0.0)
     x = np.clip(x, 0.0, 1.0)
     y = np.clip((uv * x + vo) / vv, 0.0, 1.0)
-    # The x nearest to the clipped y.
+    # Return the x nearest to the clipped y.
     return np.clip((uv * y - uo) / uu, 0.0, 1.0), y
 
 
 SIDES = 12
-# More rings would not be resolved on a screen.
+# A screen does not resolve more rings.
 MOST_RINGS = 101
 
 SLACK_COLOUR = (0.6, 0.6, 0.6, 1.0)
 TAUT_COLOUR = (1.0, 0.0, 0.0, 1.0)
 
-# Sizes relative to the length of the arm, but for the rim of the discs, relative to the radius.
+# Sizes are relative to the length of the arm, and the rim of discs to the radius.
 LINE_WIDTH = 0.002
 DISC_THICKNESS = 0.004
 _DISC_RIM = 1.05  # discs are wider than the body, as coincident surfaces flicker
 
-# A cylinder's axis is its z axis, that of a cross section its x axis: a quarter turn about y.
+# The axis of a cylinder is z, and that of a cross section is x: this is a quarter turn about y.
 _UPRIGHT = np.array([0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)])
 
 
 class ArmGeometry(NamedTuple):
-    """Geometry of one shape, in the frame of its backbone.
+    """The geometry of one shape in the frame of its backbone.
 
     Attributes:
-        vertices: of the body, joined by `Drawing.triangles`, (vertices, 3) [m].
-        disc_position: centres of the anchorage discs, from the tip, (sections, 3) [m].
-        disc_quaternion: their orientation x, y, z, w; the axis of a disc is z, (sections, 4).
-        disc_radius: (sections,) [m].
+        vertices: vertices of the body, joined by `Drawing.triangles`, (vertices, 3) [m].
+        disc_position: centres of the discs at anchorages, from the tip, (sections, 3) [m].
+        disc_quaternion: orientations x, y, z, w of these discs, whose axis is z, (sections, 4).
+        disc_radius: radii of these discs, (sections,) [m].
         tendons: points from the base to the anchorage of each tendon, each (points, 3) [m].
     """
 
@@ -136,15 +136,15 @@ class ArmGeometry(NamedTuple):
 
 
 class Drawing:
-    """Geometry of shapes of one arm, from tables that do not depend on the shape.
+    """The geometry of shapes of one arm, by tables that do not depend on the shape.
 
     Attributes:
         triangles: vertices of each triangle of the body, anticlockwise seen from outside,
             (triangles, 3).
         disc_count: number of discs.
-        disc_thickness: [m].
+        disc_thickness: thickness of a disc [m].
         tendon_points: number of points of each tendon.
-        line_width: of a tendon [m].
+        line_width: width of the line of a tendon [m].
     """
 
     def __init__(self, arm: Arm, s: FloatArray, law: int = LINEAR, *, sides: int = SIDES) -> None:
@@ -152,10 +152,10 @@ class Drawing:
 
         Args:
             arm: the arm.
-            s: stations of the backbones to come [m], (stations,), as `Solver.grid` has them.
-            law: number of the elastic law, by which cross sections and the distances of their
-                tendons widen.
-            sides: corners of the polygons drawn for circles.
+            s: stations of the backbones to draw [m], (stations,), those of `Solver.grid`.
+            law: number of the elastic law, by which cross sections and the offsets of tendons
+                widen.
+            sides: number of corners of the polygons for circles.
         """
         self._law = law
         self._anchorages = anchorage_stations(arm, s)
@@ -176,12 +176,12 @@ class Drawing:
         self.line_width = LINE_WIDTH * arm.length
 
     def draw(self, position: FloatArray, quaternion: FloatArray, q: FloatArray) -> ArmGeometry:
-        """Geometry of one shape.
+        """Return the geometry of one shape.
 
         Args:
-            position: of the stations this was prepared for [m], (stations, 3).
-            quaternion: their orientation x, y, z, w, (stations, 4).
-            q: their longitudinal strain [-], (stations,).
+            position: positions of the stations [m], (stations, 3).
+            quaternion: orientations x, y, z, w of the stations, (stations, 4).
+            q: longitudinal strains of the stations [-], (stations,).
         """
         width, _, _ = widening(self._law, 1.0 + q)
         centre = position[self._rings]
@@ -202,45 +202,45 @@ class Drawing:
 
 
 def _between_faces(s: FloatArray, arm: Arm) -> FloatArray:
-    """From points at ``s`` (rings,) to those on straight lines between the faces of discs."""
+    """Return the matrix that moves points at ``s`` (rings,) to the lines between disc faces."""
     faces = np.array([0.0, *arm.discs.faces])
-    spread = [np.interp(faces, s, one) for one in np.eye(s.size)]
+    spread = [np.interp(faces, s, unit) for unit in np.eye(s.size)]
     return np.stack(
-        [np.interp(s, faces, one) for one in np.eye(faces.size)], axis=1
+        [np.interp(s, faces, unit) for unit in np.eye(faces.size)], axis=1
     ) @ np.transpose(spread)
 
 
 def ring_stations(stations: int) -> IntArray:
-    """Indices of those of so many ``stations`` that a ring is drawn at, at most `MOST_RINGS`."""
+    """Return the indices of at most `MOST_RINGS` of ``stations`` stations, those with rings."""
     rings = np.linspace(0.0, stations - 1.0, min(stations, MOST_RINGS))
     return np.unique(rings.round().astype(np.int64))
 
 
 def unit_circle(sides: int) -> FloatArray:
-    """Corners (2, sides) of the polygon that is drawn for a circle of radius 1."""
+    """Return the corners (2, sides) of the polygon for a circle of radius 1."""
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     return np.array([np.cos(angle), np.sin(angle)])
 
 
 def unit_square(sides: int) -> FloatArray:
-    """Points (2, sides) along a square of half the size 1, its corners among four, eight, ..."""
+    """Return points (2, sides) along a square of size 2; 4, 8, ... points have all corners."""
     along = np.arange(sides) * 8.0 / sides - np.array([[0.0], [2.0]])
     return np.clip(np.abs(along % 8.0 - 3.0) - 2.0, -1.0, 1.0)
 
 
 def anchorage_stations(arm: Arm, s: FloatArray) -> IntArray:
-    """Index of the station at each anchorage, from the tip, (sections,).
+    """Return the index of the station at each anchorage, from the tip, (sections,).
 
-    ``s`` [m], (stations,), are those of a solver of ``arm``, which has one at every anchorage.
+    ``s`` (stations,) [m] are the stations of a solver of ``arm``, one at every anchorage.
     """
     anchorages = np.array([section.anchorage for section in arm.sections])
     return nearest(anchorages, s)
 
 
 def tension_colours(tensions: FloatArray, largest: float | None = None) -> FloatArray:
-    """Red, green, blue, alpha in [0, 1] of each of ``tensions`` (n,) [N], (n, 4), grey to red.
+    """Return red, green, blue, alpha (n, 4) for ``tensions`` (n,) [N], from grey to red.
 
-    Full red is the ``largest`` [N]; None for that of ``tensions``.
+    The ``largest`` tension [N] is full red; by default the largest of ``tensions``.
     """
     scale = tensions.max(initial=0.0) if largest is None else largest
     share = np.zeros(tensions.shape)
@@ -251,15 +251,15 @@ def tension_colours(tensions: FloatArray, largest: float | None = None) -> Float
 
 
 def _place(position: FloatArray, across: FloatArray, places: FloatArray) -> FloatArray:
-    """Points (k, rings, 3) [m] at ``places`` (2, k, rings) [m] along n and b of each ring."""
+    """Return points (k, rings, 3) [m] at ``places`` (2, k, rings) [m] along n and b of rings."""
     return position + np.einsum('xar,akr->krx', across, places)
 
 
 def tube_triangles(rings: int, sides: int) -> IntArray:
-    """Vertices of each triangle of a closed tube (triangles, 3), anticlockwise from outside.
+    """Return vertices of each triangle of a closed tube (triangles, 3), anticlockwise outside.
 
-    Its vertices are those of the rings, first all along one side, then along the next one
-    anticlockwise about the axis, and last the centres of both ends.
+    The vertices of the tube are those of the rings, all along one side, then along the next side
+    anticlockwise about the axis, and so on; the centres of both ends come last.
     """
     number = np.arange(sides * rings).reshape(sides, rings)
     beside = np.roll(number, -1, axis=0)
@@ -275,15 +275,15 @@ def tube_triangles(rings: int, sides: int) -> IntArray:
     return np.concatenate([np.stack(part, axis=-1).reshape(-1, 3) for part in parts])
 
 
-_PARALLELS = 13  # of a ball
+_PARALLELS = 13  # number of circles of latitude of a ball
 
 
 def obstacle_mesh(
     obstacle: Obstacle, middle: FloatArray, size: float, sides: int = 48
 ) -> tuple[FloatArray, IntArray]:
-    """Vertices (vertices, 3) [m] of an ``obstacle`` and its triangles (triangles, 3).
+    """Return vertices (vertices, 3) [m] of an ``obstacle``, and its triangles (triangles, 3).
 
-    Of what has no end the part within a ``size`` [m] of where it is nearest to ``middle`` (3,).
+    A plane or a cylinder ends at ``size`` [m] from its point nearest to ``middle`` (3,).
     """
     if isinstance(obstacle, Sphere):
         axis, centre = np.array([0.0, 0.0, 1.0]), np.array(obstacle.centre)
@@ -299,31 +299,31 @@ def obstacle_mesh(
         centre = middle - axis * ((middle - centre) @ axis)
         along, radius = np.array([-1e-3 * size, 0.0]), np.full(2, size)
     across = np.linalg.svd(axis[np.newaxis])[2][1:]
-    across[1] = np.cross(axis, across[0])  # so that outside is outside
+    across[1] = np.cross(axis, across[0])  # a right-handed frame turns the triangles outwards
     around = unit_circle(sides).T @ across
     rings = centre + along[:, np.newaxis] * axis + radius[:, np.newaxis] * around[:, np.newaxis]
     ends = centre + along[[0, -1], np.newaxis] * axis
     return np.concatenate([rings.reshape(-1, 3), ends]), tube_triangles(along.size, sides)
 
 
-INSIDE = 0.95  # probability of what is drawn to hold the truth
+INSIDE = 0.95  # probability that the truth is within a tube or a cone
 _ONE, _TWO, _THREE = (chi_square_limit(INSIDE, size) for size in (1, 2, 3))
 # A force that moves the tip by _BENT of the length is drawn as _LENGTH of it.
 _BENT, _LENGTH = 0.2, 0.3
-_LONGEST = 0.6  # of the length
+_LONGEST = 0.6  # longest arrow, relative to the length of the arm
 _RIM = 1.03  # tubes are wider than the body, as coincident surfaces flicker
-SHAFT = 0.008  # radius of an arrow, relative to the length of the arm
-_HEAD, _WIDER = 0.25, 2.5  # of an arrow: its part of the length, and its radius over the shaft's
-CORNERS = 24  # of cones and arrows
+SHAFT = 0.008  # radius of the shaft of an arrow, relative to the length of the arm
+_HEAD, _WIDER = 0.25, 2.5  # head of an arrow: length over the arrow's, radius over the shaft's
+CORNERS = 24  # number of corners of cones and arrows
 
 
 class Arrow(NamedTuple):
-    """A force and how well it is known.
+    """The arrow of a force, and the cone of its uncertainty.
 
     Attributes:
-        start, end: of the arrow [m], (3,).
+        start, end: ends of the arrow [m], (3,).
         shaft: vertices of the arrow, joined by `ARROW_TRIANGLES`, (vertices, 3) [m].
-        cone: vertices of the cone of the directions that the force may have, from ``start`` on,
+        cone: vertices of the cone, from ``start``, of the directions that the force may have,
             joined by `CONE_TRIANGLES`, (vertices, 3) [m].
     """
 
@@ -334,14 +334,14 @@ class Arrow(NamedTuple):
 
 
 class UncertaintyDrawing:
-    """Tubes about shapes of one arm, and arrows of forces on it.
+    """The tubes around uncertain shapes of one arm, and the arrows of forces on it.
 
     Attributes:
         triangles: vertices of each triangle of a tube, (triangles, 3).
     """
 
     def __init__(self, arm: Arm, s: FloatArray, *, sides: int = SIDES) -> None:
-        """Prepare for ``arm`` and stations ``s`` (stations,) [m]; ``sides`` as in `Drawing`."""
+        """Prepare for ``arm``, stations ``s`` (stations,) [m], polygons with ``sides`` corners."""
         self._rings = ring_stations(s.size)
         self._s = s
         self._radius = _RIM * arm.body.radius(s[self._rings])
@@ -353,15 +353,15 @@ class UncertaintyDrawing:
     def tube(
         self, position: FloatArray, quaternion: FloatArray, covariance: FloatArray
     ) -> FloatArray:
-        """Vertices (vertices, 3) [m] of the tube within which the body is.
+        """Return vertices (vertices, 3) [m] of the tube that probably holds the body.
 
-        In each direction across the arm, where a cross section ends with a probability of
-        `INSIDE`.
+        In each direction across the arm a cross section ends within the tube with a probability
+        of `INSIDE`.
 
         Args:
-            position: of the stations [m], (stations, 3).
-            quaternion: their orientation x, y, z, w, (stations, 4).
-            covariance: of their positions [m^2], (stations, 3, 3).
+            position: positions of the stations [m], (stations, 3).
+            quaternion: orientations x, y, z, w of the stations, (stations, 4).
+            covariance: covariances of the positions [m^2], (stations, 3, 3).
         """
         centre = position[self._rings]
         frame = axes_of(quaternion[self._rings])
@@ -372,17 +372,17 @@ class UncertaintyDrawing:
         return np.concatenate([surface.reshape(-1, 3), centre[[0, -1]]])
 
     def place(self, position: FloatArray, s: float) -> FloatArray:
-        """Where a force at ``s`` [m] acts, (3,) [m]; ``position`` is as that of `tube`.
+        """Return the point (3,) [m] at which to draw a force at ``s`` [m].
 
-        The resultant of a current, whose ``s`` is NaN, acts everywhere and is drawn at the middle.
+        ``position`` (stations, 3) [m] are the stations. A current, with NaN as ``s``, acts all
+        along the arm; its resultant is drawn at the middle.
         """
-        at = 0.5 * self._s[-1] if np.isnan(s) else s
-        return interpolated(at, self._s, position)
+        return interpolated(0.5 * self._s[-1] if np.isnan(s) else s, self._s, position)
 
     def arrow(self, start: FloatArray, force: FloatArray, covariance: FloatArray) -> Arrow | None:
-        """The arrow of a ``force`` (3,) [N] of ``covariance`` (3, 3) from ``start`` (3,) on [m].
+        """Return the arrow of a ``force`` (3,) [N] of ``covariance`` (3, 3) at ``start`` (3,) [m].
 
-        None where no force at all is as well within `INSIDE` of what is probable.
+        Return None if zero is within the region that holds the force with probability `INSIDE`.
         """
         size = float(np.linalg.norm(force))
         if not size or force @ np.linalg.pinv(covariance) @ force <= _THREE:
@@ -421,14 +421,14 @@ CONE_TRIANGLES: IntArray = np.concatenate(
 
 
 ARMS = 8
-RADIUS = 0.05  # of the circle of their bases [m]
+RADIUS = 0.05  # radius of the circle of the bases [m]
 
 
 def base_pose(number: int, radius: float = RADIUS) -> tuple[list[float], list[float]]:
-    """Position [m] and quaternion x, y, z, w of the base of arm ``number``, from 1 on.
+    """Return position [m] and quaternion x, y, z, w of the base of arm ``number``, from 1 on.
 
-    The bases are on a circle in the plane x, y of the body, the first on its x axis. Every arm
-    points outwards; its n is along the circle, its b along z of the body.
+    The bases are on a circle in the plane x, y of the body, the first on the x axis. Every arm
+    points outwards; n of the arm is along the circle and b along z of the body.
     """
     angle = 2.0 * math.pi * (number - 1) / ARMS
     position = [radius * math.cos(angle), radius * math.sin(angle), 0.0]

@@ -1,4 +1,4 @@
-"""Tendons driven by length or by tension, message by message: what node and replay do alike."""
+"""Tendons driven by length or by tension, message by message, for the node and for replay."""
 
 import dataclasses
 from typing import NamedTuple
@@ -15,12 +15,12 @@ from octo_arm_model.rod.solver import Solver
 
 
 class Answer(NamedTuple):
-    """A shape, and what is known of its tip.
+    """A shape and the covariance of its tip.
 
     Attributes:
         backbone: the shape.
-        covariance: of the pose of the tip, (6, 6); None where it was not asked for, or is unknown.
-        unknown: why it is unknown, as where tendons with friction stick.
+        covariance: covariance of the pose of the tip, (6, 6); None if not asked for or unknown.
+        unknown: error because of which it is unknown, such as tendons that stick by friction.
     """
 
     backbone: Backbone
@@ -29,39 +29,38 @@ class Answer(NamedTuple):
 
 
 class DrivenArm:
-    """Follows an arm of which winches drive some tendons by length, the others by tension.
+    """An arm of which winches drive some tendons by length and the others by tension.
 
     Attributes:
-        displacements: length reeled in [m] by name of the tendons driven by length; empty for
-            none.
-        tensions: the last ones of all tendons [N]; None before there were any.
-        forgotten: how many times the history of friction was discarded because of a gap in time.
+        displacements: length reeled in [m] for each tendon that is driven by length, by name.
+        tensions: last tensions of all tendons [N]; None before the first tensions.
+        forgotten: number of times that the history of friction was discarded after a gap in time.
     """
 
     def __init__(self) -> None:
-        """Drive all tendons by tension, without any so far."""
-        self._newest_ns: dict[str, int] = {}  # of tensions and of displacements
+        """Drive all tendons by tension, without tensions so far."""
+        self._newest_ns: dict[str, int] = {}  # newest stamp of tensions and of displacements
         self.forgotten = 0
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew, but for the stamps that have come."""
+        """Forget tensions, displacements and shapes, but not the newest stamps."""
         self.displacements: dict[str, float] = {}
         self.tensions: FloatArray | None = None
         self._last: Backbone | Wound | None = None
 
     def change_config(self, before: Config, now: Config) -> list[str]:
-        """Go on with the arm of ``now`` after that of ``before``.
+        """Go on with the arm of ``now`` after the arm of ``before``.
 
-        Nothing is forgotten where both have the same balance, and tensions are not where both have
-        the same tendons. Returns a sentence about each thing that was given and is not used any
-        more.
+        The shape is kept if both have the same balance, and tensions if both have the same
+        tendons. Return a sentence about each input that is not used any more.
+
         """
         dropped = []
-        gone = [name for name in self.displacements if name not in now.arm.tendon_names]
-        if gone:
+        unknown = [name for name in self.displacements if name not in now.arm.tendon_names]
+        if unknown:
             self.displacements = {}
-            dropped.append(f'displacements dropped: this arm has no tendon {gone[0]}')
+            dropped.append(f'displacements dropped: this arm has no tendon {unknown[0]}')
         if self.tensions is not None:
             if now.arm.tendon_names == before.arm.tendon_names:
                 self.tensions = self.tensions.reshape(now.arm.tension_shape)
@@ -88,13 +87,13 @@ class DrivenArm:
         *,
         has_covariance: bool = True,
     ) -> Answer:
-        """The shape that holds new ``tensions`` or ``displacements`` beside what is known.
+        """Return the shape after new ``tensions`` or ``displacements`` at ``time_ns`` [ns].
 
-        They are known from then on; ``time_ns`` is their stamp [ns]. The covariance of the tip is
-        found only if it ``has_covariance``.
+        They replace the last ones. The covariance of the tip is computed if ``has_covariance`` is
+        true.
 
         Raises:
-            OctoArmError: if there is none; what is known stays.
+            OctoArmError: if there is no shape; tensions and displacements stay as they were.
         """
         before = self.tensions, self.displacements
         source = 'tensions' if displacements is None else 'displacements'
@@ -111,16 +110,16 @@ class DrivenArm:
 
     @property
     def _shape(self) -> Backbone | None:
-        """The last shape, however it was driven."""
+        """The last shape."""
         return self._last.backbone if isinstance(self._last, Wound) else self._last
 
     def _recall(self, time_ns: int, seconds: float, source: str) -> None:
-        """Keep of the last shape what is valid at ``time_ns`` [ns].
+        """Discard the last shape or its history if they are not valid at ``time_ns`` [ns].
 
-        Nothing where the time of a ``source`` goes back, as when a sequence starts over; stamps of
-        tensions and displacements need not be ordered. After a gap of more than ``seconds`` [s]
-        without stamps (0: no limit) the motion of the tendons in between is unknown: the shape is
-        kept without its history, as if pulled from slack.
+        The shape is discarded if the time of a ``source`` goes back, as when a sequence starts
+        over; stamps of tensions and displacements need not be ordered. After a gap of more than
+        ``seconds`` [s] without stamps (0: no limit) the motion of the tendons in between is
+        unknown: the shape is kept without its history, as if pulled from slack.
         """
         newest = self._newest_ns
         if time_ns < newest.get(source, time_ns):
@@ -132,11 +131,11 @@ class DrivenArm:
         if not 0.0 < seconds < 1e-9 * gap or shape is None or shape.point_tensions is None:
             return
         self.forgotten += 1
-        # Still the start of the continuation of a loaded arm.
-        rested = dataclasses.replace(shape, point_tensions=None)
+        # The shape is still the start of the continuation of a loaded arm.
+        without = dataclasses.replace(shape, point_tensions=None)
         wound = self._last
         self._last = (
-            dataclasses.replace(wound, backbone=rested) if isinstance(wound, Wound) else rested
+            dataclasses.replace(wound, backbone=without) if isinstance(wound, Wound) else without
         )
 
     def _answer(
@@ -159,17 +158,17 @@ class DrivenArm:
     def _wound(
         self, solver: Solver, config: Config, tensions: FloatArray, tip_wrench: FloatArray | None
     ) -> Backbone:
-        given = {
+        driven = {
             name: float(tension)
             for name, tension in zip(config.arm.tendon_names, tensions.ravel(), strict=True)
             if name not in self.displacements
         }
-        wound = solve_displacements(solver, self.displacements, given, self._last, tip_wrench)
+        wound = solve_displacements(solver, self.displacements, driven, self._last, tip_wrench)
         self._last = wound
         return wound.backbone
 
     def _covariance(self, solver: Solver, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance (6, 6) of the tip of the last shape."""
+        """Return the covariance (6, 6) of the pose of the tip of the last shape."""
         if isinstance(self._last, Wound) and uncertainty.is_any:
             return wound_sensitivity(solver, self._last).tip_covariance(uncertainty)
         assert self._shape is not None

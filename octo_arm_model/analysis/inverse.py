@@ -1,8 +1,8 @@
-"""Bounded tensions of least effort for a target shape, and the error that remains.
+"""The inverse: bounded tensions of least effort for a target shape, and the remaining error.
 
-Two steps of SciPy's optimisers with analytic derivatives: bounded least squares from several
-starts minimises the error; where the tensions that reach the target are not unique, sequential
-quadratic programming minimises the effort among them.
+Optimisers of SciPy have analytic derivatives. Bounded least squares from several starts minimises
+the error. If the tensions that reach the target are not unique, sequential quadratic programming
+then minimises the effort among them.
 """
 
 from collections.abc import Callable
@@ -22,19 +22,19 @@ from octo_arm_model.rod.checks import check_highest
 from octo_arm_model.rod.sensitivity import Sensitivity
 from octo_arm_model.rod.solver import Solver
 
-# A target is reached where the error is below this part of the length of the arm.
+# A target is reached if the error over the length of the arm is below this.
 REACHED = 1e-6
-_MET = 1e-10  # likewise, where the search ends
+_MET = 1e-10  # error over the length of the arm at which a search ends
 _STARTS = 8
-_INDEPENDENT = 1e-6  # over the largest singular value: smaller ones count as zero
-_STIFFNESS_STEP = 1e-4  # over the bound: step of a tension for the derivative of the stiffness
+_INDEPENDENT = 1e-6  # singular values below this part of the largest one count as zero
+_STIFFNESS_STEP = 1e-4  # step of a tension over its bound for the derivative of the stiffness
 
 
 class _Met(Exception):
-    """The target is met; the search ends there.
+    """The target is met, and the search ends.
 
     Attributes:
-        part: where it is, tensions over their bounds.
+        part: tensions over their bounds that meet the target.
     """
 
     def __init__(self, part: FloatArray) -> None:
@@ -44,13 +44,13 @@ class _Met(Exception):
 
 @dataclass(frozen=True)
 class Inverse:
-    """Tensions for a target, the shape under them and its error.
+    """The tensions for a target, the shape under them and its error.
 
     Attributes:
-        backbone: the shape; its ``tensions`` are the answer.
-        error: norm of the error, as the `Target` defines it [m].
-        reached: whether it is below a millionth of the length of the arm.
-        stiffness: stiffness along the direction of the target stiffness [N/m]; None without one.
+        backbone: the shape with its ``tensions``.
+        error: norm of the error of the `Target` [m].
+        reached: whether the error is below a millionth of the length of the arm.
+        stiffness: stiffness in the direction of the target stiffness [N/m]; None without one.
         iterations: number of solves.
     """
 
@@ -71,24 +71,24 @@ def find_tensions(
     seed: int = 0,
     pause: Callable[[], None] | None = None,
 ) -> Inverse:
-    """Tensions from 0 to ``highest`` [N] that bring the arm to ``target`` with least effort.
+    """Return tensions from 0 to ``highest`` [N] that bring the arm to ``target``.
 
-    Effort is the sum of squares of tensions over their bounds. Where the target is out of reach,
-    the nearest found is returned and its ``reached`` is false. The search is local, from ``start``
-    (if given) and from tensions drawn from the box with ``seed``, until one start reaches it.
+    They have the least effort, the sum of squares of tensions over their bounds. If the target is
+    out of reach, the nearest shape is returned and ``reached`` is false. The search is local, from
+    ``start`` (if given) and from tensions drawn with ``seed``, until the target is reached.
 
     Args:
-        solver: of any model; a ``stiffness`` needs the model exact.
+        solver: solver of any model; a ``stiffness`` needs the model exact.
         target: the target.
-        highest: largest tension [N] of all tendons, or of each, of `Arm.tension_shape`.
+        highest: largest tension [N] of all tendons, or of each as `Arm.tension_shape`.
         stiffness: target stiffness, reached by co-contraction.
         start: tensions at which the search starts [N].
-        seed: of the random starts.
-        pause: called before every solve and every derivative.
+        seed: seed of the random starts.
+        pause: function that is called before every solve and every derivative.
 
     Raises:
         TensionError: if ``highest`` or ``start`` do not fit the arm.
-        ArmDefinitionError: if another argument is of another class.
+        ArmDefinitionError: if another argument is of a wrong class.
         SolveError: if the model has no solution for any of the tensions tried.
     """
     check_class('solver', solver, Solver)
@@ -110,26 +110,26 @@ def find_tensions(
                 f'start is {shown(start)}, expected tensions from 0 to {shown(highest)} [N]'
             )
         starts.insert(0, given.ravel() / limit)
-    enough = REACHED * arm.length
+    tolerance = REACHED * arm.length
     best: FloatArray | None = None
     for first in starts:
         try:
-            found = search.approach(first)
+            minimum = search.approach(first)
         except SolveError:
             continue
-        if best is None or search.distance(found) < search.distance(best):
-            best = found
-        if search.distance(best) <= enough:
+        if best is None or search.distance(minimum) < search.distance(best):
+            best = minimum
+        if search.distance(best) <= tolerance:
             break
     if best is None:
         raise SolveError('the model has no answer for any of the tensions that were tried')
-    if search.distance(best) <= enough:
-        best = search.relax(best, enough)
+    if search.distance(best) <= tolerance:
+        best = search.relax(best, tolerance)
     return search.result(best)
 
 
 class _Search:
-    """Error of a target, and its Jacobian, by tensions over their bounds (0 to 1)."""
+    """The error of a target and its Jacobian as functions of tensions over their bounds."""
 
     def __init__(
         self,
@@ -143,7 +143,7 @@ class _Search:
         self._stiffness, self._pause = stiffness, pause
         self._solved: tuple[bytes, Backbone, Sensitivity] | None = None
         self._last: Backbone | None = None
-        # Of local minima: from elsewhere a loaded arm may not come back to them.
+        # Solutions at local minima, as a loaded arm may not come back to them from elsewhere.
         self._cache: dict[bytes, tuple[Backbone, Sensitivity]] = {}
         self.iterations = 0
 
@@ -158,7 +158,7 @@ class _Search:
             backbone = self._solver.solve(tensions.reshape(shape), start=self._last)
             self._last = backbone
             self.iterations += 1
-            self._pause()  # derivatives take longer than the solve where tendons have friction
+            self._pause()  # with friction the derivatives take longer than the solve
             self._solved = key, backbone, self._solver.sensitivity(backbone)
         return self._solved[1:]
 
@@ -167,7 +167,7 @@ class _Search:
         error = self._target.error(backbone)
         if self._stiffness is None:
             return error
-        # Logarithm of the ratio, times the length of the arm to be in metres like the others.
+        # The logarithm of the ratio times the length of the arm is in metres like the rest.
         ratio = np.log(self._stiffness.of(sensitivity)) - np.log(self._stiffness.value)
         return np.append(error, ratio * self._solver.arm.length)
 
@@ -175,15 +175,15 @@ class _Search:
         backbone, sensitivity = self._evaluate(part)
         jacobian = self._target.jacobian(backbone, sensitivity.by_tension)
         if self._stiffness is not None:
-            # Finite differences of the stiffness, which is analytic.
+            # The stiffness is analytic; its derivative is by finite differences.
             solved, last = self._solved, self._last
-            here = np.log(self._stiffness.of(sensitivity))
+            logarithm = np.log(self._stiffness.of(sensitivity))
             row = np.empty(part.size)
             for j in range(part.size):
                 moved = part.copy()
                 moved[j] += _STIFFNESS_STEP if part[j] < 0.5 else -_STIFFNESS_STEP
                 changed = np.log(self._stiffness.of(self._evaluate(moved)[1]))
-                row[j] = (changed - here) / (moved[j] - part[j]) / self._limit[j]
+                row[j] = (changed - logarithm) / (moved[j] - part[j]) / self._limit[j]
             jacobian = np.vstack([jacobian, row * self._solver.arm.length])
             self._solved, self._last = solved, last
         return jacobian * self._limit
@@ -192,19 +192,19 @@ class _Search:
         return float(np.linalg.norm(self.error(part)))
 
     def approach(self, part: FloatArray) -> FloatArray:
-        """Local minimum of the error within the bounds, from ``part`` on."""
-        inside = np.clip(part, 1e-6, 1.0 - 1e-6)
+        """Return the local minimum of the error within the bounds that follows from ``part``."""
+        start = np.clip(part, 1e-6, 1.0 - 1e-6)
 
         def error(part: FloatArray) -> FloatArray:
-            found = self.error(part)
-            if np.linalg.norm(found) <= _MET * self._solver.arm.length:
+            residual = self.error(part)
+            if np.linalg.norm(residual) <= _MET * self._solver.arm.length:
                 raise _Met(part.copy())
-            return found
+            return residual
 
         try:
             last = least_squares(
                 error,
-                inside,
+                start,
                 self.jacobian,
                 (0.0, 1.0),
                 xtol=1e-12,
@@ -215,24 +215,24 @@ class _Search:
             ).x
         except _Met as met:
             last = met.part
-        # The method keeps off the bounds: tensions within 1e-6 of zero are set to zero.
+        # The method stays off the bounds, so tensions below 1e-6 of their bound are set to zero.
         rounded = np.where(last < 1e-6, 0.0, last)
         is_near = self.distance(rounded) <= self.distance(last) + 1e-9 * self._solver.arm.length
         minimum = np.asarray(rounded if is_near else last)
         self._cache[minimum.tobytes()] = self._evaluate(minimum)
         return minimum
 
-    def relax(self, part: FloatArray, enough: float) -> FloatArray:
-        """The same target with least effort, or ``part`` where none is less."""
+    def relax(self, part: FloatArray, tolerance: float) -> FloatArray:
+        """Return tensions of least effort for the same target, or ``part`` if none have less."""
         scale = 1.0 / self._solver.arm.length
-        # SLSQP needs independent constraints: as many as the rank of the Jacobian.
+        # SLSQP needs independent constraints, as many as the rank of the Jacobian.
         directions, sizes, _ = np.linalg.svd(self.jacobian(part), full_matrices=False)
         rank = np.count_nonzero(sizes > _INDEPENDENT * sizes.max(initial=0.0))
         if rank >= part.size:
             return part  # The tensions are locally unique.
         basis = scale * directions[:, :rank].T
         try:
-            found = minimize(
+            result = minimize(
                 lambda x: 0.5 * float(x @ x),
                 part,
                 jac=lambda x: x,
@@ -245,9 +245,9 @@ class _Search:
                 },
                 options={'maxiter': 60, 'ftol': 1e-10},
             )
-            better = np.clip(found.x, 0.0, 1.0)
-            polished = self.approach(better) if self.distance(better) > enough else better
-            if self.distance(polished) <= enough and polished @ polished < part @ part:
+            better = np.clip(result.x, 0.0, 1.0)
+            polished = self.approach(better) if self.distance(better) > tolerance else better
+            if self.distance(polished) <= tolerance and polished @ polished < part @ part:
                 return polished
         except SolveError:
             pass
@@ -259,6 +259,6 @@ class _Search:
         stiffness = None
         if self._stiffness is not None:
             stiffness = self._stiffness.of(sensitivity)
-        left = float(np.linalg.norm(self._target.error(backbone)))
+        target_error = float(np.linalg.norm(self._target.error(backbone)))
         reached = error <= REACHED * self._solver.arm.length
-        return Inverse(backbone, left, reached, stiffness, self.iterations)
+        return Inverse(backbone, target_error, reached, stiffness, self.iterations)

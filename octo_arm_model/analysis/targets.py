@@ -1,4 +1,4 @@
-"""Targets of the inverse: errors of a shape, and their derivatives by the tensions.
+"""The targets of the inverse: errors of a shape, and their derivatives by the tensions.
 
 Errors are in metres; angles are multiplied by `length_per_radian`.
 """
@@ -18,28 +18,28 @@ from octo_arm_model.rod.rotations import left_jacobian
 from octo_arm_model.rod.sensitivity import Change, Sensitivity
 from octo_arm_model.rod.stations import nearest
 
-_LARGEST = 1e9  # number of a target; squares of larger ones may overflow
-# Cosine of the angle between tangents that are opposite: a rotation from one to the other has any
-# axis there, and least sine of that angle by which the axis is told.
+_LARGEST = 1e9  # largest number of a target; squares of larger ones may overflow
+# Tangents are opposite below this cosine of their angle: a rotation from one to the other has any
+# axis. Below this sine the axis is unknown.
 _OPPOSITE, _NO_DIRECTION = -0.999999, 1e-4
 
 
 @runtime_checkable
 class Target(Protocol):
-    """A target: an error that is zero where it is reached."""
+    """A target: an error that is zero if the target is reached."""
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Error of ``backbone``, (m,) [m]."""
+        """Return the error of ``backbone``, (m,) [m]."""
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
-        """Derivative of `error` by the quantities of ``change``, (m, quantities)."""
+        """Return the derivative of `error` by the quantities of ``change``, (m, quantities)."""
 
 
 def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    given = real_numbers(value)
-    array = np.array(np.nan if given is None else given)
+    numbers = real_numbers(value)
+    array = np.array(np.nan if numbers is None else numbers)
     fits = array.ndim == len(shape) and all(
-        wanted in (-1, size) for size, wanted in zip(array.shape, shape)
+        fixed in (-1, size) for size, fixed in zip(array.shape, shape)
     )
     if not fits or not array.size or not (np.abs(array) <= _LARGEST).all():
         words = ' x '.join('n' if size < 0 else str(size) for size in shape) or 'one'
@@ -50,10 +50,10 @@ def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 
 @dataclass(frozen=True)
 class TipPosition:
-    """The tip at a point.
+    """A target position of the tip.
 
     Attributes:
-        position: in base_frame [m], (3,).
+        position: target position in base_frame [m], (3,).
 
     Raises:
         TargetError: if it is not three finite numbers.
@@ -62,25 +62,25 @@ class TipPosition:
     position: FloatArray
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check the values."""
         set_fields(self, position=_numbers('tip position', self.position, (3,)))
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Position of the tip less that of the target."""
+        """Return the position of the tip less that of the target, (3,) [m]."""
         return backbone.tip - self.position
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
-        """Displacement of the tip."""
+        """Return the derivative of the position of the tip, (3, quantities)."""
         return change.tip[:3]
 
 
 @dataclass(frozen=True)
 class TipPose:
-    """The tip at a point and in an orientation.
+    """A target pose of the tip.
 
     Attributes:
-        position: in base_frame [m], (3,).
-        quaternion: x, y, z, w in base_frame; its x axis is the tangent.
+        position: target position in base_frame [m], (3,).
+        quaternion: target orientation x, y, z, w in base_frame; its x axis is the tangent.
         length_per_radian: weight of angles [m/rad].
 
     Raises:
@@ -92,7 +92,7 @@ class TipPose:
     length_per_radian: float = 0.1
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check the values."""
         set_fields(self, position=_numbers('tip position', self.position, (3,)))
         _numbers('length_per_radian', self.length_per_radian, ())
         quaternion = _numbers('tip quaternion', self.quaternion, (4,))
@@ -101,13 +101,13 @@ class TipPose:
         set_fields(self, quaternion=quaternion)
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Position of the tip less that of the target, and the rotation vector between them."""
+        """Return the difference of positions and the rotation vector from the target, (6,) [m]."""
         angle = self._away(backbone).as_rotvec()
         return np.concatenate([backbone.tip - self.position, self.length_per_radian * angle])
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
-        """Displacement and rotation of the tip."""
-        # The left Jacobian is regular for the at most pi of `as_rotvec`.
+        """Return the derivative of the difference of positions and of the rotation vector."""
+        # The left Jacobian is regular up to the angle pi, the largest of `as_rotvec`.
         turned = left_jacobian(self._away(backbone).as_rotvec())
         angle = np.linalg.solve(turned, change.tip[3:])
         return np.concatenate([change.tip[:3], self.length_per_radian * angle])
@@ -119,11 +119,11 @@ class TipPose:
 
 @dataclass(frozen=True)
 class Bending:
-    """The tip's tangent at an angle from the base's, in a plane through it.
+    """A target angle between the tangents of tip and base, in a plane.
 
     Attributes:
-        plane: angle of the plane about the base's tangent [rad], from its n towards its b.
-        angle: angle by which the tangent has turned in it [rad], 0 to pi.
+        plane: angle of the plane about the tangent of the base [rad], from n towards b.
+        angle: angle between the tangents in that plane [rad], 0 to pi.
         length_per_radian: weight of angles [m/rad].
 
     Raises:
@@ -135,27 +135,27 @@ class Bending:
     length_per_radian: float = 0.1
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check the values."""
         _numbers('length_per_radian', self.length_per_radian, ())
         _numbers('bending plane', self.plane, ())
         if not 0.0 <= float(_numbers('bending angle', self.angle, ())) <= np.pi:
             raise TargetError(f'bending angle is {shown(self.angle)}, expected 0 to pi [rad]')
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Angle from the target tangent to that of the tip, along two axes normal to it."""
-        tangent, wanted, across = self._directions(backbone)
-        cosine, sine = float(tangent @ wanted), across @ np.cross(wanted, tangent)
+        """Return the angle from the target tangent to the tip's, about two axes, (2,) [m]."""
+        tangent, target, across = self._directions(backbone)
+        cosine, sine = float(tangent @ target), across @ np.cross(target, tangent)
         if cosine < _OPPOSITE:
             size, direction = _towards(sine)
             return self.length_per_radian * (np.pi - np.arcsin(size)) * direction
         return self.length_per_radian * _angle_over_sine(cosine)[0] * sine
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
-        """Derivative of `error` for the rotation of the tip."""
-        tangent, wanted, across = self._directions(backbone)
+        """Return the derivative of the angle by the rotation of the tip, (2, quantities)."""
+        tangent, target, across = self._directions(backbone)
         turned = np.cross(change.tip[3:].T, tangent)
-        cosine, sine = float(tangent @ wanted), across @ np.cross(wanted, tangent)
-        by_cosine, by_sine = turned @ wanted, across @ np.cross(wanted, turned).T
+        cosine, sine = float(tangent @ target), across @ np.cross(target, tangent)
+        by_cosine, by_sine = turned @ target, across @ np.cross(target, turned).T
         if cosine < _OPPOSITE:
             size, direction = _towards(sine)
             along = direction @ by_sine
@@ -166,34 +166,34 @@ class Bending:
         return self.length_per_radian * (factor * by_sine + slope * np.outer(sine, by_cosine))
 
     def _directions(self, backbone: Backbone) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Tangent of the tip, target tangent, and two directions normal to the latter (2, 3)."""
+        """Return tangents of tip and target, and two directions normal to the latter (2, 3)."""
         base = Rotation.from_quat(np.array(backbone.quaternion[0])).as_matrix()
         tip = Rotation.from_quat(np.array(backbone.quaternion[-1])).as_matrix()
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
         out = np.array([0.0, np.cos(self.plane), np.sin(self.plane)])
         aside = np.array([0.0, -np.sin(self.plane), np.cos(self.plane)])
-        wanted = np.array([cosine, 0.0, 0.0]) + sine * out
-        across = np.stack([np.cross(wanted, aside), aside])
-        return tip[:, 0], base @ wanted, across @ base.T
+        target = np.array([cosine, 0.0, 0.0]) + sine * out
+        across = np.stack([np.cross(target, aside), aside])
+        return tip[:, 0], base @ target, across @ base.T
 
 
 @dataclass(frozen=True)
 class BackboneShape:
-    """Points of the midline, e.g. from a camera.
+    """Target points of the midline, for example from a camera.
 
     Attributes:
-        s: arc coordinates [m], (n,); the nearest stations are used.
+        s: arc coordinates of the points [m], (n,); the nearest stations are compared.
         position: target positions in base_frame [m], (n, 3).
 
     Raises:
-        TargetError: if they are not finite numbers, one point for each s.
+        TargetError: if a number is not finite, or there is not one point for each s.
     """
 
     s: FloatArray
     position: FloatArray
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check the values."""
         s = _numbers('backbone s', self.s, (-1,))
         position = _numbers('backbone position', self.position, (-1, 3))
         if len(position) != len(s):
@@ -204,23 +204,23 @@ class BackboneShape:
         return nearest(self.s, backbone.s)
 
     def error(self, backbone: Backbone) -> FloatArray:
-        """Every point less that of the target; the norm is their root mean square distance."""
-        away = backbone.position[self._stations(backbone)] - self.position
-        return away.ravel() / np.sqrt(len(self.s))
+        """Return the scaled differences of points (3 n,) [m]; their norm is the rms distance."""
+        differences = backbone.position[self._stations(backbone)] - self.position
+        return differences.ravel() / np.sqrt(len(self.s))
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
-        """Displacement of every point."""
-        moved = change.pose[self._stations(backbone), :3]
-        return moved.reshape(-1, moved.shape[-1]) / np.sqrt(len(self.s))
+        """Return the derivatives of the scaled points, (3 n, quantities)."""
+        displacement = change.pose[self._stations(backbone), :3]
+        return displacement.reshape(-1, displacement.shape[-1]) / np.sqrt(len(self.s))
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Target stiffness of the tip against a force, reached by co-contraction.
+    """A target stiffness of the tip against a force, reached by co-contraction.
 
     Attributes:
-        direction: of the force, in base_frame, (3,).
-        value: force per displacement along it [N/m], > 0.
+        direction: direction of the force in base_frame, (3,).
+        value: force per displacement in that direction [N/m], > 0.
 
     Raises:
         TargetError: if a value is not as described.
@@ -230,29 +230,29 @@ class Stiffness:
     value: float
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check the values."""
         direction = _numbers('stiffness direction', self.direction, (3,))
         if not direction.any():
             raise TargetError(f'stiffness direction is {shown(self.direction)}, expected not zero')
         if not float(_numbers('stiffness', self.value, ())) > 0.0:
             raise TargetError(f'stiffness is {shown(self.value)}, expected a number > 0 [N/m]')
-        direction /= np.abs(direction).max()  # whose squares are within the range of floats
+        direction /= np.abs(direction).max()  # squares are then within the range of floats
         set_fields(self, direction=direction / np.linalg.norm(direction))
 
     def of(self, sensitivity: Sensitivity) -> float:
-        """Stiffness of a solution along the direction [N/m]."""
+        """Return the stiffness of a solution in the direction [N/m]."""
         compliance = sensitivity.compliance[:3, :3]
         return float(1.0 / (self.direction @ compliance @ self.direction))
 
 
 def _towards(sine: FloatArray) -> tuple[float, FloatArray]:
-    """Length and direction of a vector ``sine`` (2,), an arbitrary one where it has none."""
+    """Return length, at most 1, and direction of a vector ``sine`` (2,); any direction of 0."""
     size = float(np.linalg.norm(sine))
     return min(size, 1.0), sine / size if size else np.array([1.0, 0.0])
 
 
 def _angle_over_sine(cosine: float) -> tuple[float, float]:
-    """Angle over its sine, and the derivative of that by the cosine."""
+    """Return an angle over its sine, and the derivative of this ratio by the ``cosine``."""
     if cosine > 1.0 - 1e-8:
         return 1.0, -1.0 / 3.0
     factor = float(np.arccos(cosine) / np.sqrt(1.0 - cosine * cosine))

@@ -1,4 +1,4 @@
-"""Batches of tensions solved in this process, on all its cores or on a Dask cluster."""
+"""Batches of tensions solved in this process, on all cores or on a Dask cluster."""
 
 import contextlib
 import functools
@@ -27,9 +27,9 @@ from octo_arm_model.rod.solver import Solver
 def solve_parts(
     solver: Solver, tensions: FloatArray, first: int = 0
 ) -> Iterator[tuple[slice, Backbone | SolveError]]:
-    """Shapes of all sets of ``tensions`` (n, ...), which are numbered from ``first`` on.
+    """Yield the shapes of all sets of ``tensions`` (n, ...), which are numbered from ``first``.
 
-    A batch with a set that has none is halved, down to that set, which has its error.
+    A batch with a set that has no shape is halved, down to that set, for which its error comes.
     """
     part = slice(first, first + len(tensions))
     try:
@@ -48,7 +48,7 @@ _CONNECT = 5.0  # timeout of the connection to a scheduler [s]
 
 
 class Solutions(NamedTuple):
-    """A chunk: whether each set has a solution (sets,), tips and directions (solutions, 3)."""
+    """The solutions of a chunk: whether each set has one (sets,), tips and tangents (n, 3)."""
 
     is_solved: np.ndarray
     tip: FloatArray
@@ -60,15 +60,15 @@ Results = Generator[tuple[int, Solutions], None, None]
 
 
 def _solve(solver: Solver, tensions: FloatArray) -> Solutions:
-    """Tips of a chunk, without the sets that have no solution."""
+    """Return the tips of a chunk, without sets that have no solution."""
     is_solved = np.ones(len(tensions), bool)
     tips, directions = [np.empty((0, 3))], [np.empty((0, 3))]
-    for part, found in solve_parts(solver, tensions):
-        if isinstance(found, SolveError):
+    for part, shapes in solve_parts(solver, tensions):
+        if isinstance(shapes, SolveError):
             is_solved[part] = False
             continue
-        tips.append(found.tip)
-        directions.append(axes_of(found.quaternion[:, -1])[:, 0].T)
+        tips.append(shapes.tip)
+        directions.append(axes_of(shapes.quaternion[:, -1])[:, 0].T)
     # Concatenation copies: views would keep whole backbones in memory.
     return Solutions(is_solved, np.concatenate(tips), np.concatenate(directions))
 
@@ -76,9 +76,9 @@ def _solve(solver: Solver, tensions: FloatArray) -> Solutions:
 def on_cores(
     solver: Solver, config: Config, chunks: Sequence[FloatArray], processes: int | None
 ) -> Results:
-    """Solve in ``processes``; None for one for each core, if that saves more time than it takes.
+    """Solve in ``processes``; None for one for each core if that takes less time.
 
-    ``solver`` is that of ``config``.
+    ``solver`` is the solver of ``config``.
 
     Raises:
         ConfigError: if the arm cannot be sent to processes, or they end before their work does.
@@ -96,8 +96,8 @@ def on_cores(
             processes = 1
     rest = chunks[first:]
     processes = min(processes, len(rest))
-    alone = ((number, _solve(solver, part)) for number, part in enumerate(rest))
-    results = alone if processes < 2 else _in_pool(config, rest, processes)
+    in_series = ((number, _solve(solver, part)) for number, part in enumerate(rest))
+    results = in_series if processes < 2 else _in_pool(config, rest, processes)
     with contextlib.closing(results):
         for number, part in results:
             yield first + number, part
@@ -105,7 +105,7 @@ def on_cores(
 
 @functools.lru_cache(maxsize=4)
 def _solver_of(pickled: bytes) -> Solver:
-    """Solver of a worker, built once."""
+    """Return the solver of a worker, which is built once."""
     config: Config = pickle.loads(pickled)
     return config.solver()
 
@@ -122,7 +122,7 @@ def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Re
             f'the arm cannot be sent to other processes ({error}): expected functions with a name '
             'in a module, or processes=1'
         ) from error
-    # Spawned, as a fork of a process with threads, such as those of BLAS or ROS, may deadlock.
+    # A fork of a process with threads, such as those of BLAS or ROS, may deadlock; spawn does not.
     context = multiprocessing.get_context('spawn')
     lifeline, held = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(processes, context, _start_worker, (pickled, lifeline))
@@ -149,9 +149,9 @@ def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Re
 
 @contextlib.contextmanager
 def _no_interrupts() -> Iterator[None]:
-    """Block SIGINT, which a terminal sends to all processes, in those started within the context.
+    """Block SIGINT, which a terminal sends to all, in processes started within the context.
 
-    They inherit the mask, so that none prints a traceback; `_start_worker` ends them.
+    They inherit the mask, so that they print no traceback; `_start_worker` ends them.
     """
     if not hasattr(signal, 'pthread_sigmask'):
         yield
@@ -164,9 +164,9 @@ def _no_interrupts() -> Iterator[None]:
 
 
 def _start_worker(config: bytes, lifeline: Connection) -> None:
-    """Build the solver, and a thread that ends the process when ``lifeline`` is closed.
+    """Build the solver, and start a thread that ends the process when ``lifeline`` is closed.
 
-    The operating system closes its other end whenever the parent process ends.
+    The operating system closes its other end when the parent process ends.
     """
 
     def watch() -> None:
@@ -207,8 +207,8 @@ def on_cluster(config: Config, chunks: Sequence[FloatArray], scheduler: str) -> 
 
 
 def _find_scheduler(address: str) -> None:
-    """Check the address: a client would log two errors; ConfigError if nobody answers."""
-    import asyncio  # which takes long to import, and nothing else needs
+    """Raise ConfigError if nobody answers at ``address``; a client would also log two errors."""
+    import asyncio  # the import takes long, and nothing else needs it
 
     from distributed.comm import connect
 
@@ -217,7 +217,7 @@ def _find_scheduler(address: str) -> None:
         await comm.close()
 
     try:
-        # In another thread: that of a notebook already runs an event loop.
+        # The thread of a notebook already runs an event loop, so this is another thread.
         with ThreadPoolExecutor(1) as thread:
             thread.submit(lambda: asyncio.run(connect_once())).result()
     except Exception as error:

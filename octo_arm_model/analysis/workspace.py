@@ -1,7 +1,7 @@
-"""Workspace of the tip: tensions sampled from a box, solved on all cores or on a cluster.
+"""The workspace of the tip: tensions sampled from a box, solved on all cores or on a cluster.
 
-Tensions are a scrambled Sobol sequence, which fills the box more evenly than random numbers, and
-are solved in chunks of a fixed size, so that results do not depend on the number of processes.
+The tensions are a scrambled Sobol sequence, which fills the box more evenly than random numbers.
+Chunks have a fixed size, so that results do not depend on the number of processes.
 """
 
 import contextlib
@@ -25,21 +25,21 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.rod.checks import check_tensions
 from octo_arm_model.rod.solver import Solver
 
-# Sets in a chunk: enough that calls take little of the time, and few, since a chunk with a refused
-# set is solved in parts. Results depend on it by rounding.
+# Number of sets in a chunk. Large chunks need few calls; small ones lose less if a set is refused
+# and its chunk is solved in parts. Results depend on it by rounding.
 CHUNK = 64
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """Tips of an arm for ``n`` sets of tensions that have a solution.
+    """The tips of an arm for the ``n`` sets of tensions that have a solution.
 
     Attributes:
         tensions: sets of tensions [N], (n, *Arm.tension_shape), in the order of the sequence.
-        tip: position of the tip of each in base_frame [m], (n, 3).
+        tip: positions of the tip in base_frame [m], (n, 3).
         direction: unit tangent of the midline at the tip in base_frame [-], (n, 3).
-        refused: number of sets without solution; they are not among the n.
-        highest: the tensions were drawn from 0 to these [N], `Arm.tension_shape`.
+        refused: number of sets without a solution, which are not among the n.
+        highest: upper bounds of the sampled tensions [N], of `Arm.tension_shape`.
     """
 
     tensions: FloatArray
@@ -59,25 +59,25 @@ def sample_workspace(
     scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Workspace:
-    """Solve ``samples`` sets of tensions between 0 and ``highest`` [N].
+    """Return the workspace by ``samples`` sets of tensions between 0 and ``highest`` [N].
 
-    ``highest`` is one number for all tendons or one for each, of `Arm.tension_shape`. ``samples``
-    best is a power of two, where the sequence is balanced; fewer samples of a ``seed`` are the
-    first of more. The workspace is somewhat larger than the cloud, as sets with all of many
-    tensions near their bounds are rare.
+    ``highest`` is one number for all tendons or one for each, of `Arm.tension_shape`. A power of
+    two is best for ``samples``, as the sequence is then balanced; fewer samples of a ``seed`` are
+    the first ones of more. The workspace is somewhat larger than the cloud of tips, as sets with
+    all of many tensions near their bounds are rare.
 
     ``processes`` is the number of worker processes, 1 for none; by default there is one for each
-    core, if that takes less time. They import the main module again: a script that starts them
-    needs ``if __name__ == '__main__':``. ``scheduler`` is the address of a Dask scheduler, such as
-    ``tcp://10.0.0.1:8786``, whose workers have this package and are used instead; results are
-    the same on machines of one kind. ``progress`` is called with the numbers of sets done and of
-    all sets, first with 0.
+    core if that takes less time. Workers import the main module again, so a script that starts
+    them needs ``if __name__ == '__main__':``. ``scheduler`` is the address of a Dask scheduler,
+    such as ``tcp://10.0.0.1:8786``, whose workers solve instead and need this package; results
+    are equal on machines of one kind. ``progress`` is called with the numbers of solved and of all
+    sets, at first with 0.
 
     Raises:
         TensionError: if ``highest`` does not fit the arm, or is negative or not finite.
-        ConfigError: if ``samples``, ``seed`` or ``processes`` are no such numbers, the model does
-            not cover the arm, processes end before their work does, or Dask is missing, does not
-            answer or fails.
+        ConfigError: if ``samples``, ``seed`` or ``processes`` is out of range, the model does not
+            cover the arm, a worker ends before its work does, or Dask is missing, does not answer
+            or fails.
     """
     check_class('config', config, Config)
     most = min(MAX_SAMPLES, MAX_SAMPLED_TENSIONS // len(config.arm.tendons))
@@ -101,7 +101,7 @@ def sample_workspace(
     solved: dict[int, Solutions] = {}
     done = 0
     report(done, count)
-    # Closing the generator ends the processes it started.
+    # Closing the generator ends the processes that it started.
     with contextlib.closing(results):
         for chunk, part in results:
             solved[chunk] = part
@@ -139,7 +139,7 @@ def _box(arm: Arm, highest: ArrayLike) -> FloatArray:
 
 
 def _sobol(dimensions: int, count: int, seed: int) -> FloatArray:
-    # Imported here: it takes longer than all other imports together.
+    # This import takes longer than all others together.
     from scipy.stats import qmc
 
     # SciPy warns unless the number of points is a power of two.
@@ -147,22 +147,22 @@ def _sobol(dimensions: int, count: int, seed: int) -> FloatArray:
     return np.asarray(sequence.random_base2((count - 1).bit_length())[:count])
 
 
-# Orthographic views: neighbours share an axis.
-_VIEWS = ((1, 0, 2), (2, 1, 2), (3, 0, 1))  # place, axis across, axis up
+# The orthographic views: panel, axis to the right, axis up. Neighbours share an axis.
+_VIEWS = ((1, 0, 2), (2, 1, 2), (3, 0, 1))
 _ARM_COLOUR = '0.65'
-_SIDES = 24  # of the polygons drawn for cross sections
+_SIDES = 24  # number of corners of the polygons for cross sections
 
 
 def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> None:
     """Draw ``workspace`` of the arm of ``solver`` into the PNG file ``path``.
 
-    Each tip has the colour of the sum of its tensions; the arm without tensions is drawn to scale.
+    The colour of a tip is the sum of its tensions. The arm without tensions is drawn to scale.
 
     Raises:
-        SolveError: if there is no solution without tensions, under the loads of ``solver``.
+        SolveError: if there is no solution without tensions under the loads of ``solver``.
         OSError: if the file cannot be written.
     """
-    # Imported here: matplotlib is optional.
+    # Matplotlib is optional.
     from matplotlib.figure import Figure
 
     arm = solver.solve(np.zeros(solver.arm.tension_shape))
@@ -184,14 +184,14 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
     cloud = _draw_in_space(in_space, workspace, skin, limits)
     bar = figure.colorbar(cloud, ax=[*views, in_space], shrink=0.6, aspect=40, pad=0.02)
     bar.set_label('sum of tensions [N]')
-    # A PNG for any suffix.
+    # The file is a PNG for any suffix.
     figure.savefig(path, dpi=120, format='png')
 
 
 def _style(workspace: Workspace) -> dict[str, Any]:
-    """Colours and sizes of the dots: smaller where there are more."""
+    """Return the colours of the dots, and their size, which is smaller for more dots."""
     total = workspace.tensions.sum(axis=tuple(range(1, workspace.tensions.ndim)))
-    # The limits of a colour bar must differ, also for one tip or none.
+    # The limits of a colour bar must differ, even for one tip or none.
     low, high = (total.min(), total.max()) if total.size else (0.0, workspace.highest.sum())
     return {
         'c': total,
@@ -206,7 +206,7 @@ def _style(workspace: Workspace) -> dict[str, Any]:
 def _draw_view(
     axes: Any, workspace: Workspace, skin: FloatArray, pair: list[int], limits: FloatArray
 ) -> None:
-    """Tips and the arm's ``skin`` [mm], (triangles, 3, 3), in the plane of a ``pair`` of axes."""
+    """Draw tips and ``skin`` [mm], (triangles, 3, 3), in the plane of a ``pair`` of axes."""
     from matplotlib.collections import PolyCollection
 
     faces = list(skin[:, :, pair])
@@ -225,7 +225,7 @@ def _draw_view(
 
 
 def _draw_in_space(axes: Any, workspace: Workspace, skin: FloatArray, limits: FloatArray) -> Any:
-    """Tips and the arm's ``skin`` in space; returns the tips as drawn."""
+    """Draw tips and ``skin`` in space, and return the drawn tips."""
     triangles = np.arange(3 * len(skin)).reshape(-1, 3)
     axes.plot_trisurf(*skin.reshape(-1, 3).T, triangles=triangles, color=_ARM_COLOUR, shade=True)
     cloud = axes.scatter(*(workspace.tip * 1e3).T, depthshade=False, **_style(workspace))
