@@ -1,4 +1,4 @@
-"""Winches, relaxation and load cells in series: from commanded to measured tensions."""
+"""The winches, the relaxation and the load cells: from commanded to measured tensions."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,9 +15,9 @@ from octo_arm_model.config.parameter import ParameterGroup, stated
 
 @dataclass(frozen=True)
 class Winches(ParameterGroup):
-    """Parameters of the winches of an arm, the same for all, applied in the order listed here.
+    """The parameters of the winches, which are the same for all and apply in this order.
 
-    By default all are off.
+    By default none has an effect.
     """
 
     GROUP = 'winches'
@@ -52,7 +52,7 @@ class Winches(ParameterGroup):
     )
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check the values."""
         super().__post_init__()
         if 0.0 < self.force_limit < self.slack_floor:
             expected = f'0, or at least winches.slack_floor, {self.slack_floor} [N]'
@@ -61,46 +61,46 @@ class Winches(ParameterGroup):
     def step(
         self, tension: FloatArray, set_point: FloatArray, command: FloatArray, dt: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Tensions and set points after ``command`` has been given for ``dt`` [s], all in [N].
+        """Return tensions and set points after ``dt`` [s] under a ``command``, all in [N].
 
-        The set point at the end of the step is used for the whole step, and the lag is integrated
-        exactly: stable for any step.
+        The set point at the end of the step holds for the whole step, and the lag is integrated
+        exactly, which is stable for any step.
         """
-        wanted = np.maximum(command, self.slack_floor)
+        target = np.maximum(command, self.slack_floor)
         if self.force_limit:
-            wanted = np.minimum(wanted, self.force_limit)
+            target = np.minimum(target, self.force_limit)
         if self.rate_limit:
             most = self.rate_limit * dt
-            wanted = np.clip(wanted, set_point - most, set_point + most)
-        left = self._left(dt)
-        return (1.0 - left) * wanted + left * tension, wanted
+            target = np.clip(target, set_point - most, set_point + most)
+        decay = self._decay(dt)
+        return (1.0 - decay) * target + decay * tension, target
 
     def reel(self, length: FloatArray, command: FloatArray, dt: float) -> FloatArray:
-        """Lengths after ``command`` has been given for ``dt`` [s] from ``length``, all in [m]."""
-        change = (1.0 - self._left(dt)) * (command - length)
+        """Return the lengths after ``dt`` [s] under a ``command``, from ``length``, all in [m]."""
+        change = (1.0 - self._decay(dt)) * (command - length)
         if self.speed_limit:
             most = self.speed_limit * dt
             change = np.clip(change, -most, most)
         return np.asarray(length + change)
 
-    def _left(self, dt: float) -> float:
+    def _decay(self, dt: float) -> float:
         return math.exp(-dt / self.lag) if self.lag else 0.0
 
 
 @dataclass(frozen=True)
 class Relaxation(ParameterGroup):
-    """Parameters of a viscoelastic material. Not in the paper, whose arm is elastic.
+    """The parameters of a viscoelastic material; the arm of the paper is elastic.
 
-    Standard linear solid: under a step of strain its modulus is E (1 + ratio exp(-t / time)),
-    where E, that of the arm's definition, is the relaxed one. In every model the shape under
-    tendons alone depends on tensions over modulus, so that without inertia the viscoelastic arm
-    under tensions T(t) has the shape of the elastic arm under *effective* tensions, which satisfy
+    It is a standard linear solid: after a step of strain the modulus is E (1 + ratio exp(-t /
+    time)), where the E of the arm is the relaxed modulus. In every model the shape under tendons
+    alone depends on tensions over modulus, so that without inertia the viscoelastic arm under
+    tensions T(t) has the shape of the elastic arm under *effective* tensions, which satisfy
 
         T + time dT/dt = T_effective + (1 + ratio) time dT_effective/dt
 
-    Of a step of T, the part 1 / (1 + ratio) is effective at once, and the rest with the time
-    constant (1 + ratio) time. This is exact initially and at rest, and in between to first order
-    in the strains. Weight and other loads act on the relaxed arm.
+    The part 1 / (1 + ratio) of a step of T is effective at once, and the rest with the time
+    constant (1 + ratio) time. This is exact at first and at rest, and in between to first order in
+    the strains. Weight and other loads act on the relaxed arm.
     """
 
     GROUP = 'relaxation'
@@ -116,32 +116,32 @@ class Relaxation(ParameterGroup):
     )
 
     def step(self, crept: FloatArray, tension: FloatArray, dt: float) -> FloatArray:
-        """Tension that the material has given way to after ``tension`` has acted for ``dt`` [s].
+        """Return the crept tension after ``tension`` has acted for ``dt`` [s], (tendons,) [N].
 
-        ``crept`` is that before; all (tendons,) [N].
+        ``crept`` is the crept tension before: the one whose strain the material has at rest.
         """
-        left = self._left(dt)
-        return (1.0 - left) * tension + left * crept
+        decay = self._decay(dt)
+        return (1.0 - decay) * tension + decay * crept
 
     def effective(self, crept: FloatArray, tension: FloatArray) -> FloatArray:
-        """Of a ``tension`` when the material has given way to ``crept``, (tendons,) [N]."""
+        """Return effective tensions for a ``tension`` and a ``crept`` one, (tendons,) [N]."""
         return (tension + self.ratio * crept) / (1.0 + self.ratio)
 
     def tension(self, crept: FloatArray, effective: FloatArray, dt: float) -> FloatArray:
-        """Tension that is ``effective`` after it has acted for ``dt`` [s] from ``crept`` on."""
-        left = self._left(dt)
-        kept = (1.0 + self.ratio) * effective - self.ratio * left * crept
-        return np.maximum(kept / (1.0 + self.ratio * (1.0 - left)), 0.0)
+        """Return the tension that is ``effective`` after ``dt`` [s], from ``crept``."""
+        decay = self._decay(dt)
+        numerator = (1.0 + self.ratio) * effective - self.ratio * decay * crept
+        return np.maximum(numerator / (1.0 + self.ratio * (1.0 - decay)), 0.0)
 
-    def _left(self, dt: float) -> float:
+    def _decay(self, dt: float) -> float:
         return math.exp(-dt / ((1.0 + self.ratio) * self.time)) if self.ratio else 0.0
 
 
 @dataclass(frozen=True)
 class LoadCells(ParameterGroup):
-    """Parameters of the load cells of an arm, the same for all, applied in the order listed here.
+    """The parameters of the load cells, which are the same for all and apply in this order.
 
-    By default all are off.
+    By default none has an effect.
     """
 
     GROUP = 'load_cells'
@@ -168,7 +168,7 @@ class LoadCells(ParameterGroup):
     seed: int = stated('seed of gains, noise and losses', 0, '>= 0')
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check the values."""
         super().__post_init__()
         if self.resolution:
             positive('load_cells.resolution', self.resolution, 'N')
@@ -176,7 +176,7 @@ class LoadCells(ParameterGroup):
 
 @dataclass(frozen=True)
 class Hardware:
-    """Parameters of the hardware, by default ideal.
+    """The parameters of the hardware, which by default is ideal.
 
     Attributes:
         winches: parameters of the winches, which pull the tendons.
@@ -192,59 +192,61 @@ class Hardware:
 
 
 class SimulatedHardware:
-    """The hardware over time, initially with slack tendons.
+    """The hardware over time, with slack tendons at first.
 
     Attributes:
         state: tensions, set points and crept tensions [N], and lengths that winches of an arm that
-            moves have reeled in [m], (4, tendons); noise is none of it.
+            moves have reeled in [m], (4, tendons), without noise.
     """
 
     def __init__(self, hardware: Hardware, tendons: int) -> None:
         """Begin with ``tendons`` slack tendons."""
-        self._own = hardware
+        self._hardware = hardware
         self.state: FloatArray = np.zeros((4, tendons))
         self._draw()
 
     def change(self, hardware: Hardware) -> None:
         """Replace the parameters; the tensions stay. Another seed gives new gains and noise."""
-        before, self._own = self._own, hardware
+        before, self._hardware = self._hardware, hardware
         if hardware.load_cells.seed != before.load_cells.seed:
             self._draw()
 
     def pull(self, command: FloatArray, dt: float, held: ArrayLike) -> FloatArray:
-        """Effective tensions after ``command`` (tendons,) [N] has been given for ``dt`` [s].
+        """Return effective tensions after ``dt`` [s] under a ``command``, both (tendons,) [N].
 
-        Under these the elastic arm has the shape of this one; without relaxation they are the
-        tensions of the tendons. Of tendons ``held`` at a length nothing changes.
+        Under them the elastic arm has the shape of this one; without relaxation they are the
+        tensions of the tendons. The state of tendons ``held`` at a length stays.
         """
         tension, set_point, crept, length = self.state
-        tension, set_point = self._own.winches.step(tension, set_point, command, dt)
-        crept = self._own.relaxation.step(crept, tension, dt)
+        tension, set_point = self._hardware.winches.step(tension, set_point, command, dt)
+        crept = self._hardware.relaxation.step(crept, tension, dt)
         self.state = np.where(held, self.state, [tension, set_point, crept, length])
-        return self._own.relaxation.effective(self.state[2], self.state[0])
+        return self._hardware.relaxation.effective(self.state[2], self.state[0])
 
     def hold(self, effective: FloatArray, length: FloatArray, dt: float, held: ArrayLike) -> None:
-        """Take what an arm did in ``dt`` [s]: ``effective`` tensions [N] of tendons ``held``.
+        """Take ``effective`` tensions [N] of the ``held`` tendons of an arm after ``dt`` [s].
 
-        And the ``length`` that winches have reeled in [m]; each (tendons,).
+        Take also the ``length`` that winches have reeled in [m]; each (tendons,).
         """
-        crept, relaxation = self.state[2], self._own.relaxation
+        crept, relaxation = self.state[2], self._hardware.relaxation
         tension = relaxation.tension(crept, effective, dt)
         new = [tension, tension, relaxation.step(crept, tension, dt)]
         self.state = np.array([*np.where(held, new, self.state[:3]), length])
 
     def _draw(self) -> None:
-        # A stream for each, so that switching one on does not change the others.
-        seeds = np.random.SeedSequence(self._own.load_cells.seed).spawn(3)
+        # Each has a stream of random numbers, so that one that is switched on changes no other.
+        seeds = np.random.SeedSequence(self._hardware.load_cells.seed).spawn(3)
         gains, self._noise, self._losses = map(np.random.default_rng, seeds)
         self._deviation = gains.standard_normal(self.state.shape[1])
 
     def read(self) -> FloatArray | None:
-        """What load cells read of the tensions now, (tendons,) [N]; None where it is lost."""
-        own, tension = self._own.load_cells, self._own.calibration.readings(self.state[0])
+        """Return what load cells read now, (tendons,) [N]; None if the message is lost."""
+        cells = self._hardware.load_cells
+        tension = self._hardware.calibration.readings(self.state[0])
         noise = self._noise.standard_normal(tension.size)
-        is_lost = self._losses.random() < own.drop_probability
-        reading = (1.0 + own.gain_stddev * self._deviation) * tension + own.noise_stddev * noise
-        if own.resolution:
-            reading = own.resolution * np.rint(reading / own.resolution)
+        is_lost = self._losses.random() < cells.drop_probability
+        gain = 1.0 + cells.gain_stddev * self._deviation
+        reading = gain * tension + cells.noise_stddev * noise
+        if cells.resolution:
+            reading = cells.resolution * np.rint(reading / cells.resolution)
         return None if is_lost else reading

@@ -1,4 +1,4 @@
-"""Command profiles by name, files or movements that any arm has; and limits of tensions."""
+"""Command profiles by name, which are files or movements of an arm, and limits of tensions."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -23,26 +23,26 @@ from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.checks import check_highest, check_tensions
 from octo_arm_model.simulation.profiles import CommandProfile, read_profile
 
-MOVE_TIME = 3.0  # [s] from one posture to the next
-HOLD_TIME = 1.0  # [s] in each posture
-TURN_TIME = 6.0  # [s] in which the bending plane turns once
+MOVE_TIME = 3.0  # time from one posture to the next [s]
+HOLD_TIME = 1.0  # time in each posture [s]
+TURN_TIME = 6.0  # time in which the bending plane turns once [s]
 TURNS = 3
-SWEEP_TIME = 10.0  # [s] for each tendon
-SWEEP = (0.2, 1.0)  # [Hz], from and to; the mean times SWEEP_TIME is a whole number of periods
-SAMPLE = 0.02  # [s] between the rows of movements that are not sequences of postures
-# The compression for `default_highest`: clearly visible, and far below the limits.
+SWEEP_TIME = 10.0  # time for each tendon [s]
+SWEEP = (0.2, 1.0)  # first and last frequency [Hz]; a tendon has a whole number of periods
+SAMPLE = 0.02  # time between rows of movements that are not sequences of postures [s]
+# The compression for `default_highest` is clearly visible, and far below the limits.
 _COMPRESSION = 0.1
 
 
 @dataclass(frozen=True)
 class Movement:
-    """A profile that is computed for a given arm.
+    """A profile that is computed for an arm.
 
     Attributes:
-        description: a line for lists of movements.
-        profile: computes it for an arm that is not objected to, and largest tensions [N]; None
-            for `default_highest`.
-        objection: the reason why it is not for an arm; empty if it is.
+        description: line for lists of movements.
+        profile: function of an arm without an objection and of largest tensions [N], or None for
+            `default_highest`, that returns the profile.
+        objection: function of an arm that returns why the movement is not for it; empty if it is.
     """
 
     description: str
@@ -50,11 +50,11 @@ class Movement:
     objection: Callable[[Arm], str] = lambda arm: ''
 
 
-# Of the paper -----------------------------------------------------------------------------------
+# Movements of the paper --------------------------------------------------------------------------
 
 
 def _postures(postures: Sequence[Tensions], arm: Arm, highest: ArrayLike | None) -> CommandProfile:
-    """From rest through ``postures`` and back, each held for `HOLD_TIME`."""
+    """Return a profile from rest through ``postures`` and back, each held for `HOLD_TIME`."""
     if highest is not None:
         raise ProfileError('highest does not go with tensions of the paper')
     rest = np.zeros(len(arm.tendons))
@@ -97,7 +97,7 @@ _bending = functools.partial(_of_paper, 'renda2012_table2')
 _fetching = functools.partial(_of_paper, 'renda2012_table4')
 
 
-# Of any arm -------------------------------------------------------------------------------------
+# Movements of any arm ----------------------------------------------------------------------------
 
 
 def _highest(arm: Arm, highest: ArrayLike | None) -> FloatArray:
@@ -109,7 +109,7 @@ def _highest(arm: Arm, highest: ArrayLike | None) -> FloatArray:
 def _one_by_one(
     times: FloatArray, wave: FloatArray, interpolation: str, arm: Arm, highest: ArrayLike | None
 ) -> CommandProfile:
-    """Every tendon in turn along ``wave``, fractions of its largest tension at ``times`` [s]."""
+    """Pull tendons in turn by ``wave``, fractions of the largest tension at ``times`` [s]."""
     peaks = _highest(arm, highest)
     count, duration = len(peaks), times[-1]
     # The last row of one tendon is the first of the next.
@@ -130,7 +130,7 @@ def _sweep(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
 
 
 def _rotating(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
-    """Section 6.1 of the paper: tensions whose bending plane turns at a constant rate."""
+    """Return tensions whose bending plane turns at a constant rate, as in section 6.1."""
     times = np.arange(0.0, TURNS * TURN_TIME + 0.5 * SAMPLE, SAMPLE)
     rise = np.clip(np.minimum(times, times[-1] - times) / (0.5 * TURN_TIME), 0.0, 1.0)
     angle = 2.0 * np.pi / TURN_TIME * times[:, np.newaxis] - 0.5 * np.pi * np.arange(4)
@@ -180,35 +180,35 @@ _FIGURES = {
     'renda2012_table2': {f'11 {panel}': tensions for panel, tensions in BENDING.items()},
     'renda2012_table4': {'14': FETCHING_IN_PLANE, '15': FETCHING_IN_SPACE},
 }
-_ROUNDING = 1e-9  # relative, of interpolation or a solution between tensions at their limit
+_ROUNDING = 1e-9  # relative excess over a limit by rounding of an interpolation or a solution
 
 
 def figures(arm: Arm) -> dict[str, FloatArray]:
-    """Tensions (tendons,) [N] of the paper's figures of ``arm``, by number; empty for others."""
-    for name, found in _FIGURES.items():
+    """Return tensions (tendons,) [N] in figures of the paper by number; empty for other arms."""
+    for name, tensions_of in _FIGURES.items():
         preset = _preset(name)
-        # The paper's arms have no weight; what moves has one.
+        # The arms of the paper have no density, which an arm that moves needs.
         if preset == arm.with_density(preset.material.density):
-            return {figure: np.ravel(tensions) for figure, tensions in found.items()}
+            return {figure: np.ravel(tensions) for figure, tensions in tensions_of.items()}
     return {}
 
 
 def highest_tensions(arm: Arm) -> FloatArray:
-    """Default limit of each tendon (tendons,) [N].
+    """Return the default limit of each tendon (tendons,) [N].
 
-    The larger of `default_highest` and the tensions of the paper's figures.
+    It is the larger of `default_highest` and the tensions in figures of the paper.
     """
     highest = default_highest(arm).ravel()
     for tensions in figures(arm).values():
         highest = np.maximum(highest, tensions)
-    # Rounded up to two digits, and made from decimals so that powers of ten are not rounded.
+    # Limits are rounded up to two digits, in decimals so that powers of ten are exact.
     exponents = np.floor(np.log10(highest) - 1.0).astype(np.int64)
     digits = np.ceil(highest / 10.0**exponents - 1e-9)
-    return np.array([float(f'{two:.0f}e{power}') for two, power in zip(digits, exponents)])
+    return np.array([float(f'{digit:.0f}e{power}') for digit, power in zip(digits, exponents)])
 
 
 def tendon_limits(config: Config) -> FloatArray:
-    """Largest tension that may be commanded of each tendon (tendons,) [N]."""
+    """Return the largest tension that may be commanded of each tendon (tendons,) [N]."""
     if config.tendon_limits:
         return np.array(config.tendon_limits)
     return highest_tensions(config.arm)
@@ -239,12 +239,12 @@ def check_command(arm: Arm, tensions: ArrayLike, limits: FloatArray) -> FloatArr
 
 
 def check_profile(profile: CommandProfile, arm: Arm, limits: FloatArray) -> None:
-    """Check that all rows of ``profile``, and so all tensions, keep ``limits`` (tendons,) [N].
+    """Check that all rows of ``profile`` are within ``limits`` (tendons,) [N].
 
     Raises:
-        ProfileError: if one does not; the message names the row.
+        ProfileError: if a row is not; the message names the row.
     """
-    # The first row beyond a limit; the first of all, for its shape, where none is.
+    # This is the first row beyond a limit, or the first one, of which the shape is checked.
     row = int(np.argmax((profile.tensions > limits * (1.0 + _ROUNDING)).any(axis=1)))
     try:
         check_command(arm, profile.tensions[row], limits)
@@ -262,7 +262,7 @@ TOPIC = 'tendon_commands'
 
 
 def profile_names(arm: Arm) -> dict[str, str]:
-    """Names and descriptions of the movements for ``arm``."""
+    """Return names and descriptions of the movements for ``arm``."""
     return {
         name: movement.description
         for name, movement in MOVEMENTS.items()
@@ -271,13 +271,13 @@ def profile_names(arm: Arm) -> dict[str, str]:
 
 
 def find_profile(name: str, arm: Arm, highest: ArrayLike | None = None) -> CommandProfile:
-    """Profile for ``arm``: a built-in movement, or a CSV or YAML file.
+    """Return a profile for ``arm``: a built-in movement, or a CSV or YAML file.
 
     Args:
-        name: of a movement, or path of a file (.csv, .yaml, .yml).
+        name: name of a movement, or path of a file (.csv, .yaml, .yml).
         arm: the arm.
-        highest: largest tension [N] of all tendons or of each, of `Arm.tension_shape`; by default
-            `default_highest`. Not for tensions of the paper and of files.
+        highest: largest tension [N] of all tendons, or of each as `Arm.tension_shape`; by default
+            `default_highest`. Tensions of the paper and of files take none.
 
     Raises:
         ProfileError: if there is no such profile, it is not for this arm, or the file is invalid;

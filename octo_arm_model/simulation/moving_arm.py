@@ -1,4 +1,4 @@
-"""An arm in motion without ROS: along a profile, with pictures, or as recorded readings drive it.
+"""An arm in motion without ROS: along a profile, with pictures, or driven by recorded readings.
 
 Pictures need matplotlib.
 """
@@ -21,30 +21,30 @@ from octo_arm_model.rod.motion import Dynamics
 from octo_arm_model.rod.motion_state import Inputs, MotionState
 from octo_arm_model.simulation.profiles import CommandProfile
 
-STEP = 2e-3  # of the integration [s]
-LONGEST_GAP = 10.0  # between readings that one motion goes on through [s]
-_ON_STEP_NS = 1000  # so near to the end of a step is there
+STEP = 2e-3  # step of the integration [s]
+LONGEST_GAP = 10.0  # longest time between readings of one motion [s]
+_ON_STEP_NS = 1000  # a time this near to the end of a step counts as the end [ns]
 
 
 class DrivenMotion:
-    """Moves an arm from reading to reading, between which tensions and lengths change linearly.
+    """An arm that moves from reading to reading; in between tensions and lengths are linear.
 
-    It begins in the equilibrium of the first reading. All steps are of one length, so that the
-    motion does not depend on when readings are taken: a time between two of them is reached by a
-    shorter one, from which the motion does not go on.
+    It begins in the equilibrium of the first reading. All steps have one length, so that the
+    motion does not depend on the times of readings: a shorter step leads to a time between two
+    steps, and the motion does not go on from there.
 
     Attributes:
-        dynamics: of the arm.
-        starts: how many times the motion began at rest.
+        dynamics: dynamics of the arm.
+        starts: number of times that the motion began at rest.
     """
 
     def __init__(self, dynamics: Dynamics, step: float = STEP) -> None:
-        """Move the arm of ``dynamics`` in steps [s]."""
+        """Move the arm of ``dynamics`` in steps of ``step`` [s]."""
         self.dynamics, self._step = dynamics, positive('step', step, 's')
         self.starts = 0
         self._state: MotionState | None = None  # after the last whole step
         self._known: Inputs | None = None
-        # Since the motion began, when it did, and whole steps since then.
+        # The time since the motion began, the stamp at which it began, and whole steps since then.
         self._time_ns, self._origin_ns, self._steps = 0, 0, 0
         self._ended = ''
         self._newest_ns: dict[str, int] = {}
@@ -55,15 +55,15 @@ class DrivenMotion:
         tensions: FloatArray | None = None,
         displacements: dict[str, float] | None = None,
     ) -> None:
-        """Go on to a stamp [ns], from which on ``tensions`` or ``displacements`` are known.
+        """Move on to the stamp [ns] of new ``tensions`` or ``displacements``.
 
-        The motion begins again at rest where the stamps of either go back, and after
-        `LONGEST_GAP`. A stamp before those of the other counts as if it came with the last one.
+        The motion begins again at rest if the stamps of either go back, and after `LONGEST_GAP`. A
+        stamp before the last one of the other source counts as equal to it.
 
         Raises:
             SolveError: if there is no equilibrium to begin with, or no step succeeds. A motion
-                that ended goes on where it may begin again.
-            OctoArmError: if the readings do not fit the arm; what is known stays.
+                that failed goes on when it begins again.
+            OctoArmError: if the readings do not fit the arm; the last readings stay.
         """
         source = 'tensions' if displacements is None else 'displacements'
         goes_back = stamp_ns < self._newest_ns.get(source, stamp_ns)
@@ -99,10 +99,10 @@ class DrivenMotion:
 
     @property
     def state(self) -> MotionState:
-        """At the last reading.
+        """The state at the last reading.
 
         Raises:
-            SolveError: if the step to there does not succeed, or nothing was read.
+            SolveError: if the step to it does not succeed, or there was no reading.
         """
         if self._state is None or self._known is None:
             raise SolveError('the arm does not move yet')
@@ -112,7 +112,7 @@ class DrivenMotion:
         return self.dynamics.step(self._state, self._known, 1e-9 * rest)
 
     def _end_ns(self, steps: int) -> float:
-        """Time at the end of so many ``steps``, which need not be whole nanoseconds."""
+        """Return the time after a number of ``steps``, which need not be whole nanoseconds."""
         return 1e9 * (steps * self._step)
 
     def _advance(self, before_ns: int, before: Inputs, now: Inputs) -> None:
@@ -133,18 +133,18 @@ class DrivenMotion:
             self._steps += 1
 
 
-_STROBES = 25  # shapes in a picture
+_STROBES = 25  # number of shapes in a picture
 _MOST_FRAMES = 3000
 _AXES = 'xyz'
 
 
 class Moment(NamedTuple):
-    """The arm at one time.
+    """The moving arm at one time.
 
     Attributes:
-        time: [s].
-        backbone: its shape and tensions.
-        tip_velocity: in base_frame [m/s], (3,).
+        time: time [s].
+        backbone: shape and tensions.
+        tip_velocity: velocity of the tip in base_frame [m/s], (3,).
     """
 
     time: float
@@ -160,14 +160,14 @@ def simulate(
     hold: float = 0.0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Iterator[Moment]:
-    """Moments of the arm of ``dynamics``, from its equilibrium at the start of ``profile``.
+    """Yield moments of the arm of ``dynamics``, from the equilibrium at the start of ``profile``.
 
-    They come at a ``rate`` [Hz]; a ``step`` [s] is that of the integration. After the profile its
-    last tensions are kept for a time to ``hold`` [s].
+    Moments have a ``rate`` [Hz], and the integration has a ``step`` [s]. After the profile the
+    last tensions act for a time ``hold`` [s].
 
     Raises:
-        ConfigError: if there would be too many moments, or a rate beyond that of the steps.
-        SolveError: if there is no step that succeeds; the message states the time.
+        ConfigError: if there would be too many moments, or the rate is beyond that of steps.
+        SolveError: if no step succeeds; the message states the time.
     """
     every = round(1.0 / (positive('step', step, 's') * positive('rate', rate, 'Hz')))
     duration = profile.duration + not_negative('hold', hold, 'time', 's')
@@ -193,7 +193,7 @@ def simulate(
 
 
 def write_motion_csv(path: Path, moments: Sequence[Moment], names: Sequence[str]) -> None:
-    """Write times, tip and tensions of ``moments`` to a CSV file; ``names`` are the tendons'."""
+    """Write times, tips and tensions of ``moments`` to a CSV file; ``names`` name the tendons."""
     tip = [f'tip_{axis}' for axis in _AXES] + [f'tip_velocity_{axis}' for axis in _AXES]
     rows = [
         [one.time, *one.backbone.tip, *one.tip_velocity, *one.backbone.tensions.ravel()]
@@ -205,7 +205,7 @@ def write_motion_csv(path: Path, moments: Sequence[Moment], names: Sequence[str]
 def draw_motion(
     path: Path, moments: Sequence[Moment], title: str, obstacles: Sequence[Obstacle] = ()
 ) -> None:
-    """Draw the tip over time, and shapes on the way past ``obstacles``, into a PNG file."""
+    """Draw the tip over time, and shapes between ``obstacles``, into a PNG file."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
@@ -234,7 +234,7 @@ def animate(
     title: str,
     obstacles: Sequence[Obstacle] = (),
 ) -> None:
-    """Draw ``moments`` one after the other, ``rate`` of them a second, into a GIF file."""
+    """Draw ``moments`` one after the other at a ``rate`` [Hz] into a GIF file."""
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.figure import Figure
 
@@ -253,7 +253,7 @@ def animate(
 
 
 def _frame(space: Any, moments: Sequence[Moment], obstacles: Sequence[Obstacle]) -> None:
-    """Equal scales in all directions, and what of ``obstacles`` is there."""
+    """Set equal scales in all directions, and draw the ``obstacles`` within them."""
     points = np.concatenate([one.backbone.position for one in moments])
     ends = equal_axes(points, 0.5)
     half, middle = 0.5 * float(np.ptp(ends[0])), ends.mean(axis=1)

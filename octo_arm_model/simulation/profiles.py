@@ -1,4 +1,4 @@
-"""A command profile: the tension of every tendon over time, in CSV and YAML files, and drawn.
+"""Command profiles: the tension of every tendon over time, in CSV and YAML files, and drawn.
 
 A picture needs matplotlib.
 """
@@ -28,20 +28,20 @@ INTERPOLATIONS = ('smooth', 'linear', 'steps')
 
 @dataclass(frozen=True, eq=False)
 class CommandProfile:
-    """Commanded tensions over time.
+    """The commanded tensions over time.
 
-    Between rows, ``smooth`` is monotone cubic interpolation of zero rate at both ends (PCHIP,
+    Between rows, ``smooth`` is a monotone cubic interpolation with zero rate at both ends (PCHIP,
     Fritsch and Butland 1984), ``linear`` interpolates linearly, and ``steps`` holds each row until
     the next.
 
     Attributes:
-        times: (n,) [s], increasing, at least two and at most `MAX_PROFILE_ROWS`; counted from the
-            first.
-        tensions: (n, tendons) [N], finite, none negative, in the order of `Arm.tendon_names`.
+        times: times [s], (n,), increasing, at least two and at most `MAX_PROFILE_ROWS`; the first
+            is set to 0.
+        tensions: tensions [N], (n, tendons), finite, >= 0, in the order of `Arm.tendon_names`.
         interpolation: one of `INTERPOLATIONS`.
 
     Raises:
-        ProfileError: if they are not as described; the message names the row.
+        ProfileError: if a value is not as described; the message names the row.
     """
 
     times: FloatArray
@@ -49,7 +49,7 @@ class CommandProfile:
     interpolation: str = 'smooth'
 
     def __post_init__(self) -> None:
-        """Validate; keep read-only copies."""
+        """Check the values, and keep read-only copies."""
         if self.interpolation not in INTERPOLATIONS:
             expected = ', '.join(INTERPOLATIONS)
             given = shown(self.interpolation)
@@ -97,13 +97,13 @@ class CommandProfile:
     def at(self, time: ArrayLike, *, loop: bool = False) -> FloatArray:
         """Tensions (..., tendons) [N] at ``time`` (...) [s].
 
-        Constant before the first and after the last row, or, with ``loop``, periodic. At another
-        speed use ``profile.at(speed * time)``.
+        They are constant before the first and after the last row, or periodic with ``loop``. For
+        another speed use ``profile.at(speed * time)``.
         """
         t = np.asarray(time, dtype=np.float64)
         t = np.mod(t, self.duration) if loop else np.clip(t, 0.0, self.duration)
         if self.interpolation == 'smooth':
-            # A cubic between rows of 0 may be negative by rounding.
+            # Rounding may make a cubic between rows of 0 negative.
             return np.maximum(self._smooth(t), 0.0)
         if self.interpolation == 'linear':
             return interpolated(t, self.times, self.tensions)
@@ -111,14 +111,14 @@ class CommandProfile:
 
     @functools.cached_property
     def _smooth(self) -> PchipInterpolator:
-        # A copy of the first row before and of the last after give the ends zero rate.
+        # Copies of the first row before it and of the last row after it give the ends zero rate.
         times = np.concatenate(([-1.0], self.times, [self.duration + 1.0]))
         rows = np.concatenate((self.tensions[:1], self.tensions, self.tensions[-1:]))
         return PchipInterpolator(times, rows, axis=0)
 
 
 def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandProfile:
-    """A smooth profile from tensions ``start`` to ``stop`` [N], (tendons,) or `Arm.tension_shape`.
+    """Return a smooth profile between tensions [N], each (tendons,) or of `Arm.tension_shape`.
 
     Raises:
         ProfileError: if a tension is invalid or ``duration`` is not > 0 [s].
@@ -128,12 +128,12 @@ def transition(start: ArrayLike, stop: ArrayLike, duration: float) -> CommandPro
 
 
 def read_profile(path: str | Path, arm: Arm) -> CommandProfile:
-    """Read a profile for ``arm``.
+    """Read a profile for ``arm`` from a CSV or YAML file.
 
-    A CSV file has a header, ``time`` and the names of all tendons in any order, with or without
-    their units (``time [s]``, ``tendon_1_1 [N]``), and below it rows of numbers; its
-    interpolation is smooth. A YAML file has ``times``, a list, ``tensions``, a list of as many
-    lists in the order of `Arm.tendon_names`, and optionally ``interpolation``.
+    A CSV file has a header with ``time`` and the names of all tendons in any order, with or
+    without units (``time [s]``, ``tendon_1_1 [N]``), and rows of numbers; the interpolation is
+    smooth. A YAML file has a list ``times``, a list ``tensions`` of as many lists in the order of
+    `Arm.tendon_names`, and optionally ``interpolation``.
 
     Raises:
         ProfileError: if the file cannot be read or is invalid; the message has its name, and the
@@ -157,9 +157,9 @@ def _read_csv(text: str, arm: Arm) -> CommandProfile:
     for cells in filter(any, reader):
         line = reader.line_num
         if not header:
-            plain = (cell.strip() for cell in cells)
-            header = ['time' if one == 'time [s]' else one.removesuffix(' [N]') for one in plain]
-            # A tendon may be called time as well.
+            titles = (cell.strip() for cell in cells)
+            header = ['time' if t == 'time [s]' else t.removesuffix(' [N]') for t in titles]
+            # A tendon may also be called time.
             if sorted(header) != sorted(names) or len(set(names)) < len(names):
                 expected = ', '.join(names)
                 raise ProfileError(f'line {line}: header is {listed(header)}; expected {expected}')
@@ -191,8 +191,8 @@ def _read_csv(text: str, arm: Arm) -> CommandProfile:
 def _read_yaml(given: object, arm: Arm) -> CommandProfile:
     known, count = ('times', 'tensions', 'interpolation'), len(arm.tendons)
     if not isinstance(given, dict) or not {*known[:2]} <= given.keys() <= {*known}:
-        found = listed(list(given)) if isinstance(given, dict) else shown(given)
-        raise ProfileError(f'{found} found, expected times:, tensions: and maybe interpolation:')
+        content = listed(list(given)) if isinstance(given, dict) else shown(given)
+        raise ProfileError(f'{content} found, expected times:, tensions: and maybe interpolation:')
     for name in known[:2]:
         if not isinstance(given[name], list):
             raise ProfileError(f'{name} is {shown(given[name])}, expected a list')
@@ -217,7 +217,7 @@ def draw_profile(
 ) -> None:
     """Draw ``tensions`` (n, tendons) [N] over ``times`` (n,) [s] into the PNG file ``path``.
 
-    One panel for each section with tensions, which differ much between sections.
+    There is a panel for each section with tensions, as they differ much between sections.
 
     Raises:
         OSError: if the file cannot be written.
@@ -236,5 +236,5 @@ def draw_profile(
         axes.grid(alpha=0.3)
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
     panels[-1].set(xlabel='time [s]')
-    # A PNG for any suffix.
+    # The file is a PNG for any suffix.
     figure.savefig(path, dpi=120, format='png')

@@ -1,4 +1,4 @@
-"""Simulated arms: what pushes them, what sensors besides load cells read; the one at rest."""
+"""Simulated arms: the push, the sensors besides load cells, and the arm at rest."""
 
 import dataclasses
 import functools
@@ -29,7 +29,7 @@ _RATE = 'how often it is measured [Hz], at most rate; 0 for never'
 
 @dataclass(frozen=True)
 class Push(ParameterGroup):
-    """A force on one cross section, again and again."""
+    """A force on one cross section, periodic or constant."""
 
     GROUP = 'push'
 
@@ -47,24 +47,24 @@ class Push(ParameterGroup):
     )
 
     def __post_init__(self) -> None:
-        """Validate what does not depend on the arm."""
+        """Check the values that do not depend on the arm."""
         super().__post_init__()
         if len(self.force) != 3:
             raise ArmDefinitionError('push.force', list(self.force), '3 finite numbers [N]')
 
     def at(self, time: float) -> FloatArray:
-        """Force ``time`` [s] after the beginning, the second half of each period (3,) [N]."""
+        """Return the force (3,) [N] at a ``time`` [s]: it acts in the second half of a period."""
         acts = not self.period or math.fmod(time, self.period) >= 0.5 * self.period
         return np.array(self.force) * acts
 
     def is_at_tip(self, length: float) -> bool:
-        """Whether it acts on the tip of an arm of ``length`` [m]."""
+        """Whether the push acts on the tip of an arm of ``length`` [m]."""
         return self.s in (0.0, length)
 
 
 @dataclass(frozen=True)
 class Sensors(ParameterGroup):
-    """The sensors, of rate 0 where there is none, and their noise."""
+    """The rates of the sensors, 0 for a sensor that is not there, and their noise."""
 
     GROUP = 'sensors'
 
@@ -93,80 +93,80 @@ class Sensors(ParameterGroup):
     seed: int = stated('seed of the noise of all of them', 0, '>= 0')
 
     def __post_init__(self) -> None:
-        """Validate what does not depend on the arm."""
+        """Check the values that do not depend on the arm."""
         super().__post_init__()
         if self.markers_rate and not self.marker_s:
             raise ArmDefinitionError('sensors.marker_s', (), 'arc coordinates of the markers [m]')
 
     @property
     def rates(self) -> tuple[float, float, float]:
-        """Rates of pose, markers and wrench [Hz]."""
+        """The rates of pose, markers and wrench [Hz]."""
         return self.tip_pose_rate, self.markers_rate, self.base_wrench_rate
 
 
 class SimulatedArm(ABC):
-    """An arm under tensions and a push, and what sensors besides load cells read of it."""
+    """An arm under tensions and a push, with sensors besides load cells."""
 
     def __init__(self, config: Config, push: Push, sensors: Sensors, is_pushed: bool) -> None:
-        """Of ``config``, read with ``sensors``, whose noise follows from their seed.
+        """Simulate the arm of ``config``; the noise of ``sensors`` follows from their seed.
 
-        Where it ``is_pushed`` the force of ``push`` may come to act.
+        The force of ``push`` can act only if it ``is_pushed``.
         """
         self._config = self._pushed = config
         self._sensors, self._random = sensors, np.random.default_rng(sensors.seed)
         self._at_tip = push.is_at_tip(config.arm.length)
         self._push: ScaledLoads | None = None
         if is_pushed and not self._at_tip:
-            self._push = ScaledLoads([Loads(points=(PointLoad(push.s, one),)) for one in _AXES])
+            self._push = ScaledLoads([Loads(points=(PointLoad(push.s, axis),)) for axis in _AXES])
             loads = dataclasses.replace(config.loads, scaled=self._push)
             self._pushed = dataclasses.replace(config, loads=loads)
 
     def _wrench(self, force: FloatArray) -> FloatArray:
-        """Push with a ``force`` (3,) [N]; returns the wrench that this makes on the tip (6,)."""
+        """Push with a ``force`` (3,) [N], and return the wrench (6,) that acts on the tip."""
         if self._push is not None:
             self._push.magnitudes[:] = force
         return np.append(force * self._at_tip, np.zeros(3))
 
     @abstractmethod
     def go_on_from(self, before: 'SimulatedArm') -> bool:
-        """Be as the same arm ``before`` is; of another one nothing is known.
+        """Take over the state of ``before`` if it is the same arm; else keep none.
 
-        Returns whether tendons with friction are therefore pulled anew.
+        Return whether the history of tendons with friction is lost.
         """
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget the shape, and with it the history of tendons with friction."""
+        """Forget the shape and the history of tendons with friction."""
 
     @property
     @abstractmethod
     def backbone(self) -> Backbone:
-        """The shape now; there is one after `advance`."""
+        """The present shape, which exists after `advance`."""
 
     @property
     @abstractmethod
     def true_base_wrench(self) -> FloatArray:
-        """Force and moment of all loads about the base, (6,) [N, N m]."""
+        """The force and the moment of all loads about the base, (6,) [N, N m]."""
 
     def tip_pose(self) -> Pose:
-        """Pose of the tip, as it is measured."""
-        shape, own, random = self.backbone, self._sensors, self._random
-        position = shape.tip + own.tip_position_stddev * random.standard_normal(3)
-        turn = own.tip_rotation_stddev * random.standard_normal(3)
-        turned = Rotation.from_rotvec(turn) * Rotation.from_quat(np.array(shape.quaternion[-1]))
-        return Pose(tuple(position.tolist()), tuple(turned.as_quat().tolist()))
+        """Return the measured pose of the tip."""
+        shape, sensors, random = self.backbone, self._sensors, self._random
+        position = shape.tip + sensors.tip_position_stddev * random.standard_normal(3)
+        error = sensors.tip_rotation_stddev * random.standard_normal(3)
+        rotation = Rotation.from_rotvec(error) * Rotation.from_quat(np.array(shape.quaternion[-1]))
+        return Pose(tuple(position.tolist()), tuple(rotation.as_quat().tolist()))
 
     def markers(self) -> FloatArray:
-        """Positions of the markers, as they are measured (markers, 3) [m]."""
+        """Return the measured positions of all markers, (markers, 3) [m]."""
         shape, places = self.backbone, np.array(self._sensors.marker_s)
         position = CubicSpline(shape.s, shape.position)(places)
         noise = self._random.standard_normal(position.shape)
         return np.asarray(position + self._sensors.marker_stddev * noise)
 
     def base_wrench(self) -> FloatArray:
-        """Force and moment of all loads about the base, as measured (6,) [N, N m].
+        """Return the measured force and moment of all loads about the base (6,) [N, N m].
 
-        Inertia and water of an arm that moves are among the loads.
+        If the arm moves, inertia and the forces of the water are among the loads.
         """
         stddev = [self._sensors.base_force_stddev, self._sensors.base_moment_stddev]
         noise = np.repeat(stddev, 3) * self._random.standard_normal(6)
@@ -174,10 +174,10 @@ class SimulatedArm(ABC):
 
 
 class PushedArm(SimulatedArm):
-    """An arm at rest under any tensions and push, as soon as they act."""
+    """A simulated arm without inertia, in equilibrium at any time."""
 
     def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
-        """Of the arm of ``config``.
+        """Simulate the arm of ``config``.
 
         Raises:
             OctoArmError: if the model has no loads, or does not cover the arm.
@@ -187,37 +187,37 @@ class PushedArm(SimulatedArm):
         self._solver.check_tip_wrench(self._wrench(np.array(push.force)))
         self._shape: Backbone | None = None
         self._force = np.zeros(3)
-        self._where = push.s or config.arm.length
+        self._push_s = push.s or config.arm.length
 
     def go_on_from(self, before: SimulatedArm) -> bool:
-        """As `SimulatedArm.go_on_from`, also where one is pushed elsewhere than at the tip."""
+        """Take the shape of the same arm ``before``, or return whether friction is forgotten."""
         if not isinstance(before, PushedArm):
             return False
-        # A push at the tip, or none, leaves the points of the arm as they are.
-        mine, theirs = (one._solver.grid.s for one in (self, before))
-        if np.array_equal(mine, theirs) and self._config.has_balance_of(before._config):
+        # A push elsewhere than at the tip adds points to the arm.
+        is_same = np.array_equal(self._solver.grid.s, before._solver.grid.s)
+        if is_same and self._config.has_balance_of(before._config):
             self._shape, self._force = before._shape, before._force
             return False
         return before._shape is not None and before._shape.point_tensions is not None
 
     def reset(self) -> None:
-        """As `SimulatedArm.reset`."""
+        """Forget the shape and the history of tendons with friction."""
         self._shape = None
 
     def advance(self, tensions: FloatArray, force: FloatArray) -> None:
-        """Be in the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
+        """Find the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
 
         Raises:
-            OctoArmError: if there is no such shape; the last one stays.
+            OctoArmError: if there is no such shape; the last one is kept.
         """
         shape, wrench = self._config.arm.tension_shape, self._wrench(force)
-        pushed = wrench if wrench.any() else None  # there are models without loads
-        self._shape = self._solver.follow(tensions.reshape(shape), self._shape, pushed)
+        push = wrench if wrench.any() else None  # some models take no loads
+        self._shape = self._solver.follow(tensions.reshape(shape), self._shape, push)
         self._force = force
 
     @property
     def backbone(self) -> Backbone:
-        """The shape now; there is one after `advance`."""
+        """The present shape, which exists after `advance`."""
         assert self._shape is not None
         return self._shape
 
@@ -227,34 +227,34 @@ class PushedArm(SimulatedArm):
 
     @property
     def true_base_wrench(self) -> FloatArray:
-        """Force and moment of all loads about the base, (6,) [N, N m].
+        """The force and the moment of all loads about the base, (6,) [N, N m].
 
         Raises:
-            MeasurementError: if there are loads of other kinds, which are not covered.
+            MeasurementError: if there are loads of kinds that are not covered.
         """
         shape, loads = self.backbone, self._config.loads
         moments = [loads.tip_moment, *(point.moment for point in loads.points)]
-        away = CubicSpline(shape.s, shape.position - shape.position[0])
-        acting = [*self._forces, self._force]
-        lever = [*away(shape.s), away(self._where)]
-        moment = np.cross(lever, acting).sum(axis=0) + np.sum(moments, axis=0)
-        return np.concatenate([np.sum(acting, axis=0), moment])
+        lever = CubicSpline(shape.s, shape.position - shape.position[0])
+        forces = [*self._forces, self._force]
+        levers = [*lever(shape.s), lever(self._push_s)]
+        moment = np.cross(levers, forces).sum(axis=0) + np.sum(moments, axis=0)
+        return np.concatenate([np.sum(forces, axis=0), moment])
 
 
-PERIOD = 6.0  # [s] of the push, which lasts half of it
-_PUSHED = 0.3  # of the length: how far the push moves the tip
-_TOUCHED_RATE = 25.0  # [Hz]
-# Noise: in parts of the length, [rad], in parts of how hard tendons are pulled.
+PERIOD = 6.0  # period of the push, which acts for half of it [s]
+_PUSHED = 0.3  # displacement of the tip by the push, relative to the length
+_TOUCHED_RATE = 25.0  # rate of the sensors [Hz]
+# Noise of positions over the length, of rotations [rad], of tensions over the highest tension.
 _POSITION, _ROTATION, _TENSION = 2e-3, 0.03, 1e-3
-_CHANGE = 0.05  # of that: by how much tensions change in a second
-_MARKERS = (1 / 3, 2 / 3)  # of the length
+_CHANGE = 0.05  # change of tensions in a second, relative to the highest tension
+_MARKERS = (1 / 3, 2 / 3)  # arc coordinates of the markers over the length
 
 
 def touched(config: Config, is_moving: bool = False) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Parameters of `octo_arm_sim` and of `octo_arm_estimator`, besides those of the arm.
+    """Return parameters of `octo_arm_sim` and `octo_arm_estimator`, besides those of the arm.
 
-    Inertia and drag of an arm that moves are taken for unknown forces at the tip and the markers,
-    as the estimator has the arm in balance; they change faster than a push.
+    The estimator takes the arm to be in balance, so that inertia and drag of an arm that moves are
+    unknown forces at the tip and the markers, which change faster than a push.
     """
     length = config.arm.length
     axes = axes_of(np.array(config.base.quaternion))

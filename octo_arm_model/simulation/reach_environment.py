@@ -1,4 +1,4 @@
-"""A Gymnasium environment: the tip of a moving arm is to reach a point. Needs gymnasium."""
+"""A Gymnasium environment in which the tip of a moving arm is to reach a point."""
 
 from typing import Any, NamedTuple
 
@@ -19,16 +19,16 @@ try:
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(missing(error), name=error.name) from None
 
-_TRIES = 100  # random tensions for one whose shape can be a target
+_TRIES = 100  # largest number of random tensions until their shape is a target
 
 
 class Snapshot(NamedTuple):
-    """All that the next steps depend on, but for the generator of targets.
+    """The whole state of the environment, except the generator of targets.
 
     Attributes:
-        state: of the arm.
-        target: of the tip [m].
-        steps: since the reset.
+        state: state of the arm.
+        target: target of the tip [m], (3,).
+        steps: number of steps since the reset.
     """
 
     state: MotionState
@@ -37,21 +37,21 @@ class Snapshot(NamedTuple):
 
 
 class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):
-    """The tip of a moving arm is to reach a target that it can rest at.
+    """An environment in which the tip of a moving arm is to reach a target and can rest there.
 
-    An action has a number for each tendon, in the order of their names, from -1, slack, to 1, its
-    highest tension; the tension changes linearly over a step. An observation has the position [m]
-    and velocity [m/s] of the tip, the way from there to the target [m], and the tensions as
-    actions. The reward is minus the distance over the length of the arm. An episode is truncated
-    after so many steps, and ends where the motion does, as of an arm that is crushed; ``info`` has
-    the distance [m], and the error of a motion that ended.
+    An action has a number for each tendon, in the order of their names, from -1 for slack to 1 for
+    the highest tension; the tension changes linearly over a step. An observation has the position
+    [m] and the velocity [m/s] of the tip, the vector from the tip to the target [m], and the
+    tensions as actions. The reward is minus the distance over the length of the arm. An episode is
+    truncated after a number of steps, and ends if no step of the motion succeeds, as when the arm
+    is crushed; ``info`` has the distance [m], and the error if the motion ended.
 
-    Environments may share one `Dynamics`, since their states are values: so many arms move in one
-    process, as in `gymnasium.vector.SyncVectorEnv`.
+    Environments may share one `Dynamics`, as states are values: many arms can move in one process,
+    as in `gymnasium.vector.SyncVectorEnv`.
 
     Attributes:
-        dynamics: of the arm.
-        snapshot: where the arm is, which may be kept, and set again later.
+        dynamics: dynamics of the arm.
+        snapshot: present state, which may be saved and set again later.
     """
 
     metadata: dict[str, Any] = {'render_modes': []}  # noqa: RUF012
@@ -67,15 +67,16 @@ class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):
         """Move the arm of ``dynamics``.
 
         Args:
-            dynamics: of the arm, its water and its loads.
-            highest: tensions [N], one or of `Arm.tension_shape`; None for `default_highest`.
-            period: time of a step [s].
-            steps: after which an episode is truncated.
-            divisions: steps of the integration in one of the environment.
+            dynamics: dynamics of the arm, its water and its loads.
+            highest: highest tensions [N], one or of `Arm.tension_shape`; None for
+                `default_highest`.
+            period: duration of a step [s].
+            steps: number of steps after which an episode is truncated.
+            divisions: number of integration steps in a step of the environment.
 
         Raises:
-            ArmDefinitionError: if a step is none of `Dynamics.step`, or there are none.
-            TensionError: if a highest tension is not > 0, or they are not those of the tendons.
+            ArmDefinitionError: if a number is not > 0, or out of range for `Dynamics.step`.
+            TensionError: if a highest tension is not > 0, or does not fit the tendons.
         """
         self.dynamics, arm = dynamics, dynamics.solver.arm
         for name, count in (('steps', steps), ('divisions', divisions)):
@@ -94,11 +95,11 @@ class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """Begin at rest, without tensions; ``options`` may have the ``target`` [m].
+        """Begin at rest without tensions; ``options`` may have the ``target`` [m].
 
         Raises:
             ArmDefinitionError: if the target is not three finite numbers.
-            SolveError: if no random tensions have a shape.
+            SolveError: if no random tensions give a shape.
         """
         super().reset(seed=seed)
         given = (options or {}).get('target')
@@ -107,19 +108,19 @@ class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):
         return self._observe()
 
     def step(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
-        """Go on by a period."""
+        """Move on by one step, towards the tensions of an ``action``."""
         state, target, steps = self.snapshot
-        now = 0.5 * (np.reshape(action, self._highest.shape) + 1.0) * self._highest
-        ended, longest = '', self._period / self._divisions
+        tensions = 0.5 * (np.reshape(action, self._highest.shape) + 1.0) * self._highest
+        failure, longest = '', self._period / self._divisions
         try:
-            state = self.dynamics.go_on(state, Inputs(now), self._period, longest)
+            state = self.dynamics.go_on(state, Inputs(tensions), self._period, longest)
         except SolveError as error:
-            ended = str(error)
+            failure = str(error)
         self.snapshot = Snapshot(state, target, steps + 1)
         observation, info = self._observe()
         reward = -info['distance'] / self.dynamics.solver.arm.length
-        info |= {'error': ended} if ended else {}
-        return observation, reward, bool(ended), steps + 1 >= self._steps, info
+        info |= {'error': failure} if failure else {}
+        return observation, reward, bool(failure), steps + 1 >= self._steps, info
 
     def _observe(self) -> tuple[FloatArray, dict[str, Any]]:
         state, target, _ = self.snapshot

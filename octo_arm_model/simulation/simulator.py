@@ -1,7 +1,7 @@
-"""The simulator without ROS: its parameters, the tendons that it drives, and these as a URDF.
+"""The simulator without ROS: its parameters, the tendons that it drives, and their URDF.
 
-Lengths of an arm that moves are held by its time steps. One without inertia follows the tensions
-that hold them at rest.
+The time steps of an arm that moves hold lengths of tendons. An arm without inertia takes the
+tensions that hold these lengths at rest.
 """
 
 import functools
@@ -43,17 +43,17 @@ from octo_arm_model.simulation.profiles import CommandProfile
 from octo_arm_model.simulation.pushed_arm import Push, PushedArm, Sensors, SimulatedArm
 
 HIGHEST_RATE = 1000.0  # [Hz]
-# Parameters of the arm that say what its load cells read.
+# The parameters of the arm that describe its load cells.
 _OF_LOAD_CELLS = ('tension_names', 'tension_deadband', 'tension_offset', 'tension_scale')
 
 _SLOWEST, _FASTEST = 1e-3, 1000.0
-_MOVING_RATE = 1.0  # [Hz] at least: a period of a moving arm is many steps
+_MOVING_RATE = 1.0  # least rate of a moving arm, as a period takes many steps [Hz]
 _ON_FAILURE = ('go_on', 'pause')
 
 
 @dataclass(frozen=True)
 class Course(ParameterGroup):
-    """How time goes on in the simulator, and what of it is kept."""
+    """The parameters of time, dynamics, failures and the state file of the simulator."""
 
     GROUP = ''
 
@@ -90,7 +90,7 @@ class Course(ParameterGroup):
     )
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check the values."""
         lowest = _MOVING_RATE if self.dynamics else MIN_RATE
         within('rate', self.rate, lowest, HIGHEST_RATE, 'Hz')
         if self.real_time_factor:
@@ -109,7 +109,7 @@ class Course(ParameterGroup):
 
 @dataclass(frozen=True)
 class Playing(ParameterGroup):
-    """What the simulator plays by itself."""
+    """The parameters of the profile that the simulator plays."""
 
     GROUP = 'profile'
 
@@ -127,15 +127,15 @@ _NAMES = [parameter.name for parameter in PARAMETERS]
 
 @dataclass(frozen=True)
 class SimulatorConfig:
-    """The parameters of the simulator, checked.
+    """The checked parameters of the simulator.
 
     Attributes:
-        model: what the arm's file says.
-        course: how time goes on.
-        playing: what is played.
-        hardware: winches, load cells and relaxation.
-        push: what pushes the arm.
-        sensors: those besides load cells and encoders.
+        model: configuration of the arm.
+        course: parameters of time and dynamics.
+        playing: parameters of the profile to play.
+        hardware: parameters of winches, load cells and relaxation.
+        push: parameters of the push.
+        sensors: parameters of the sensors besides load cells and encoders.
     """
 
     model: Config
@@ -147,33 +147,33 @@ class SimulatorConfig:
 
     @functools.cached_property
     def limits(self) -> FloatArray:
-        """Limits of the commanded tensions (tendons,) [N]."""
+        """The limits of the commanded tensions (tendons,) [N]."""
         return tendon_limits(self.model)
 
     @functools.cached_property
     def profile(self) -> CommandProfile | None:
-        """Profile that the simulator plays; None for none.
+        """The profile that the simulator plays; None without one.
 
         Raises:
             ProfileError: if it is invalid, not for this arm, or beyond the limit of a tendon.
         """
         if not self.playing.name:
             return None
-        found = find_profile(self.playing.name, self.model.arm)
-        check_profile(found, self.model.arm, self.limits)
-        return found
+        profile = find_profile(self.playing.name, self.model.arm)
+        check_profile(profile, self.model.arm, self.limits)
+        return profile
 
     @functools.cached_property
     def solver(self) -> Solver:
-        """Solver of the arm, for lengths of tendons."""
+        """The solver of the arm, for lengths of tendons."""
         return self.model.node_solver()
 
     @functools.cached_property
     def pushed_arm(self) -> SimulatedArm | None:
-        """The arm that moves, is pushed or seen; None where it does nothing of that.
+        """The simulated arm; None if it neither moves, nor is pushed, nor has sensors.
 
         Raises:
-            OctoArmError: if it cannot be pushed, or seen by the sensors.
+            OctoArmError: if the arm cannot move, be pushed, or be measured by the sensors.
         """
         if self.course.dynamics:
             return DynamicArm(self.model, self.push, self.sensors)
@@ -183,42 +183,42 @@ class SimulatorConfig:
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> 'SimulatorConfig':
-        """From dotted names to values: parameters of the arm and of the simulator together.
+        """Return the configuration with ``values`` of parameters of arm and simulator by name.
 
         Raises:
             ConfigError: if a parameter is missing, unknown or of the wrong type.
             ArmDefinitionError: if a value is outside its range.
-            OctoArmError: as `profile` and `pushed_arm`.
+            OctoArmError: if the profile or the simulated arm is refused.
         """
         known = [*_NAMES, *(parameter.name for parameter in ARM_PARAMETERS)]
         refuse_unknown(values, known, 'the simulator or the arm')
         config = Config.from_parameters({k: v for k, v in values.items() if k not in _NAMES})
-        own = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
+        given = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
         for name in ('push.s', 'sensors.marker_s'):
-            for s in np.atleast_1d(own[name]).tolist():
+            for s in np.atleast_1d(given[name]).tolist():
                 within(name, s, 0.0, config.arm.length, 'm')
         if not config.encoders.is_identity:
             raise ConfigError(
                 'displacement_names, displacement_scale and displacement_offset are of real '
                 'encoders, and those of a simulator read lengths by name: leave them out'
             )
-        winches, cells, relaxation = Winches.of(own), LoadCells.of(own), Relaxation.of(own)
+        winches, cells, relaxation = Winches.of(given), LoadCells.of(given), Relaxation.of(given)
         hardware = Hardware(winches, cells, relaxation, config.load_cells)
-        push, sensors = Push.of(own), Sensors.of(own)
-        found = cls(config, Course.of(own), Playing.of(own), hardware, push, sensors)
-        found.profile, found.pushed_arm  # noqa: B018 - what they refuse is refused here
-        return found
+        push, sensors = Push.of(given), Sensors.of(given)
+        simulator = cls(config, Course.of(given), Playing.of(given), hardware, push, sensors)
+        simulator.profile, simulator.pushed_arm  # noqa: B018 - these properties raise errors
+        return simulator
 
 
 def for_arm_node(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Those ``values`` of a simulator's file that the node of the arm needs to read it."""
+    """Return those parameters of load cells among ``values`` that the node of the arm needs."""
     arm = {parameter.name: parameter for parameter in ARM_PARAMETERS}
     shared = {name: arm[name].convert(values[name]) for name in _OF_LOAD_CELLS if name in values}
     return {name: value for name, value in shared.items() if value != ()}
 
 
 def for_true_arm(arm: Arm) -> dict[str, Any]:
-    """Parameters of a node that takes tensions of ``arm`` as they are, whatever its file says."""
+    """Return parameters of a node that takes tensions of ``arm`` without load cells."""
     tendons = len(arm.tendons)
     return {
         'tension_names': arm.tendon_names,
@@ -229,26 +229,26 @@ def for_true_arm(arm: Arm) -> dict[str, Any]:
 
 
 def in_water(config: Config) -> dict[str, Any]:
-    """Parameters with which the arm of ``config`` moves, in water where its file says of none.
+    """Return parameters with which the arm of ``config`` moves, by default in water.
 
-    Density and viscosity are those of the silicone of Renda et al. 2018, where the file has none.
+    Density and damping are by default those of the silicone of Renda et al. 2018.
     """
-    found: dict[str, Any] = {'dynamics': True, 'model': 'exact'}
+    parameters: dict[str, Any] = {'dynamics': True, 'model': 'exact'}
     if not config.arm.material.density:
-        found['material.density'] = 1080.0
+        parameters['material.density'] = 1080.0
     if not config.loads.fluid_density:
-        found['loads.fluid_density'] = 1022.0
+        parameters['loads.fluid_density'] = 1022.0
     if config.motion == MotionProperties():
-        found |= {'motion.water': 'renda2018', 'motion.damping_time': 8.2e-3}
-    return found
+        parameters |= {'motion.water': 'renda2018', 'motion.damping_time': 8.2e-3}
+    return parameters
 
 
 class TendonDrive:
-    """Winches, load cells and the arm that they pull.
+    """The winches, the load cells and the arm that they pull.
 
     Attributes:
         hardware: winches and load cells.
-        held: lengths that winches are to reel in, by tendon name [m]; all others follow tensions.
+        held: lengths that winches hold, by tendon name [m]; other winches follow tensions.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -260,11 +260,11 @@ class TendonDrive:
         self._shape: Backbone | None = None
 
     def go_on_with(self, config: SimulatorConfig) -> list[str]:
-        """Use other parameters from now on; returns what is lost thereby, for a warning."""
-        before, self._config, lost = self._config, config, []
+        """Use the parameters ``config`` from now on, and return warnings about lost states."""
+        before, self._config, warnings = self._config, config, []
         arm, last = config.pushed_arm, before.pushed_arm
         if arm and last and arm.go_on_from(last):
-            lost.append('friction history forgotten: another arm, or pushed at another s')
+            warnings.append('friction history forgotten: another arm, or pushed at another s')
         if config.model.arm.tendon_names == before.model.arm.tendon_names:
             self.hardware.change(config.hardware)
         else:
@@ -272,18 +272,18 @@ class TendonDrive:
         is_same = config.model.has_balance_of(before.model)
         if not (is_same and (config.limits == before.limits).all()):
             if self.held:
-                other = 'other limits' if is_same else 'another arm'
-                lost.append(f'tendons are no longer driven by length: {other}')
+                reason = 'other limits' if is_same else 'another arm'
+                warnings.append(f'tendons are no longer driven by length: {reason}')
             self.held, self._wound, self._shape = {}, None, None
-        return lost
+        return warnings
 
     def hold(self, lengths: Mapping[str, float], tensions: FloatArray) -> None:
         """Reel in ``lengths`` [m] from now on, by tendon name, beside ``tensions`` (tendons,) [N].
 
         Raises:
-            TensionError: if a length is more than there is, or of an arm without inertia if a
-                tendon would be pulled beyond its limit.
-            OctoArmError: of that, as `solve_displacements`; what was held before still is.
+            TensionError: if a length is longer than its tendon, or if an arm without inertia
+                would have a tension beyond its limit.
+            OctoArmError: if no shape without inertia has these lengths; the last ones are held.
         """
         config = self._config
         if isinstance(config.pushed_arm, DynamicArm):
@@ -295,12 +295,12 @@ class TendonDrive:
         self.held = dict(lengths)
 
     def set_points(self, tensions: FloatArray) -> FloatArray:
-        """Of all winches (tendons,) [N], beside those commanded by ``tensions``.
+        """Return set points of all winches (tendons,) [N] for commanded ``tensions`` (tendons,).
 
-        Never beyond a limit: a winch gives way before that.
+        They are within the limits, as a winch lets out before that.
 
         Raises:
-            OctoArmError: as `solve_displacements`.
+            OctoArmError: if no shape has the lengths that winches hold.
         """
         if not self.held or self._config.course.dynamics:
             return tensions
@@ -308,13 +308,13 @@ class TendonDrive:
         return np.minimum(self._wound.backbone.tensions.ravel(), self._config.limits)
 
     def advance(self, set_points: FloatArray, elapsed: float) -> FloatArray:
-        """Effective tensions once ``set_points`` (tendons,) [N] have acted for ``elapsed`` [s]."""
+        """Return effective tensions after ``elapsed`` [s] under ``set_points``, (tendons,) [N]."""
         return self.hardware.pull(set_points, elapsed, self._is_held())
 
     def move(self, tensions: FloatArray, force: FloatArray, elapsed: float) -> FloatArray:
-        """Move the arm on under effective ``tensions`` (tendons,) and a push ``force`` (3,) [N].
+        """Move the arm under effective ``tensions`` (tendons,) and a push ``force`` (3,) [N].
 
-        Returns its effective tensions, of tendons that are held too.
+        Return the effective tensions, also those of tendons that winches hold at a length.
 
         Raises:
             SolveError: if no step succeeds; the arm stays as it was.
@@ -329,10 +329,10 @@ class TendonDrive:
         return arm.state.tensions
 
     def encoders(self, tensions: FloatArray) -> FloatArray:
-        """Lengths that winches have reeled in under effective ``tensions``, (tendons,) [m].
+        """Return lengths reeled in under effective ``tensions`` (tendons,) [N], (tendons,) [m].
 
         Raises:
-            OctoArmError: as `Solver.solve`.
+            OctoArmError: if there is no shape under these tensions.
         """
         config = self._config
         if isinstance(config.pushed_arm, DynamicArm):
@@ -342,7 +342,7 @@ class TendonDrive:
         return displacements_of(config.solver, self._shape).ravel()
 
     def _is_held(self) -> NDArray[np.bool_]:
-        """Of which tendons of an arm that moves winches hold the lengths, (tendons,)."""
+        """Whether the winch of each tendon holds a length of an arm that moves, (tendons,)."""
         arm, is_moving = self._config.model.arm, self._config.course.dynamics
         return np.array([is_moving and name in self.held for name in arm.tendon_names])
 
@@ -356,33 +356,33 @@ class TendonDrive:
         bounds = np.array([np.full(most.size, winches.slack_floor), most])
         effective = relaxation.effective(relaxation.step(crept, bounds, elapsed), bounds)
         low, high = np.abs(tension - bounds) <= 1e-9 * (1.0 + bounds)
-        # Without a floor time steps themselves tell which tendons of held winches are slack.
+        # Without a floor the time steps find out which tendons of held winches are slack.
         low &= (effective[0] > 0.0) & (goal <= now)
-        at = np.where(high & (goal > now), 1.0, -1.0 * low)
+        at_bound = np.where(high & (goal > now), 1.0, -1.0 * low)
         direction, taut = np.nan_to_num(np.sign(goal - now)), bool(bounds[0, 0])
-        return HeldLengths(winches.reel(now, goal, elapsed), effective, direction, at, taut)
+        return HeldLengths(winches.reel(now, goal, elapsed), effective, direction, at_bound, taut)
 
     def _at_rest(self, lengths: Mapping[str, float], tensions: FloatArray) -> Wound:
         names = self._config.model.arm.tendon_names
-        given = {
+        driven = {
             name: float(tension)
             for name, tension in zip(names, tensions, strict=True)
             if name not in lengths
         }
-        return solve_displacements(self._config.solver, lengths, given, self._wound)
+        return solve_displacements(self._config.solver, lengths, driven, self._wound)
 
 
 PLUGIN = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
 INTERFACES = ('effort', 'position')
 COMMANDS, STATES = 'tendon_commands/joint_state', 'tendon_states'
-_REELING = 1.0  # [m/s] that a tendon is reeled in
+_REELING = 1.0  # velocity limit of a tendon in the URDF [m/s]
 
 
 def robot_description(config: Config, interface: str, namespace: str = '') -> str:
-    """URDF of the tendons of ``config``, commanded by ``interface``: 'effort' or 'position'.
+    """Return a URDF of the tendons of ``config``, commanded by 'effort' or 'position'.
 
     Raises:
-        ConfigError: if ``interface`` is another.
+        ConfigError: if ``interface`` is neither.
     """
     if interface not in INTERFACES:
         raise ConfigError(f'interface is {shown(interface)}, expected effort or position')
