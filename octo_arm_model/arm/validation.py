@@ -26,6 +26,11 @@ def check_class(name: str, value: object, kind: type, *others: type) -> None:
         raise ArmDefinitionError(name, value, f'an instance of {kind.__name__}')
 
 
+def is_number(value: object) -> bool:
+    """Whether ``value`` is one real number; a boolean is none."""
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+
+
 def finite(
     name: str,
     value: object,
@@ -38,10 +43,10 @@ def finite(
     Raises:
         ArmDefinitionError: if it is not such a number; the message has the text ``expected``.
     """
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+    if not is_number(value):
         raise ArmDefinitionError(name, value, expected)
     try:
-        number = float(value)
+        number = float(value)  # type: ignore[arg-type]
     except OverflowError:  # an integer beyond the range of floats
         number = math.inf
     if not math.isfinite(number) or number < least:

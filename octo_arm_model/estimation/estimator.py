@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from octo_arm_model.arm.errors import MeasurementError, SolveError
+from octo_arm_model.arm.errors import MeasurementError, SolveError, shown
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.validation import check_class
+from octo_arm_model.arm.validation import check_class, is_number
 from octo_arm_model.estimation.estimate import Estimate
 from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.estimation.model import ArmModel
@@ -96,10 +96,10 @@ class Estimator:
             check_class(f'models[{name!r}]', model, ArmModel)
         if not models:
             raise MeasurementError('models are none, expected at least one')
-        if not change_time > 0.0:
-            raise MeasurementError(f'change_time is {change_time}, expected > 0 [s]')
-        if not 0.0 <= window < math.inf:
-            raise MeasurementError(f'window is {window}, expected a finite number >= 0 [s]')
+        if not is_number(change_time) or not change_time > 0.0:
+            raise MeasurementError(f'change_time is {shown(change_time)}, expected > 0 [s]')
+        if not is_number(window) or not 0.0 <= window < math.inf:
+            raise MeasurementError(f'window is {shown(window)}, expected a finite number >= 0 [s]')
         self._models, self._rules, self._change_time = dict(models), rules, change_time
         self._window = window
         self._moments: list[_Moment] = []
@@ -285,8 +285,8 @@ class Filter:
             MeasurementError: if the measurements come too late, or do not fit the arm.
             SolveError: if the arm has no trustworthy shape.
         """
-        if not math.isfinite(time):
-            raise MeasurementError(f'time is {time}, expected a finite number [s]')
+        if not is_number(time) or not math.isfinite(time):
+            raise MeasurementError(f'time is {shown(time)}, expected a finite number [s]')
         output = self._estimator.add(round(1e9 * time), measurements)
         self.last, self.innovations = output.estimate, output.innovations
         return output.estimate

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError, shown
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import is_number
 from octo_arm_model.rod.sensitivity import chi_square_limit
 
 GATE = 0.9999
@@ -46,16 +47,15 @@ class Rules:
 
     def __post_init__(self) -> None:
         """Validate."""
-        if not 0.0 < self.gate < 1.0:
-            raise MeasurementError(f'gate is {self.gate}, expected a probability in (0, 1)')
-        for name in ('cell_fault', 'sensor_fault'):
+        for name, lowest, highest, expected in (
+            ('gate', math.ulp(0.0), 1.0, 'a probability in (0, 1)'),
+            ('cell_fault', 0.0, 1.0, 'a probability in [0, 1)'),
+            ('sensor_fault', 0.0, 1.0, 'a probability in [0, 1)'),
+            ('recover_after', 0.0, math.inf, 'a finite number >= 0 [s]'),
+        ):
             value = getattr(self, name)
-            if not 0.0 <= value < 1.0:
-                raise MeasurementError(f'{name} is {value}, expected a probability in [0, 1)')
-        if not 0.0 <= self.recover_after < math.inf:
-            raise MeasurementError(
-                f'recover_after is {self.recover_after}, expected a finite number >= 0 [s]'
-            )
+            if not is_number(value) or not lowest <= value < highest:
+                raise MeasurementError(f'{name} is {shown(value)}, expected {expected}')
 
     @property
     def doubts_any(self) -> bool:

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.errors import MeasurementError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import DistributedLoad, Loads, PointLoad
 from octo_arm_model.arm.profile import Constant, Linear
-from octo_arm_model.arm.validation import LARGEST, SMALLEST, check_class
+from octo_arm_model.arm.validation import LARGEST, SMALLEST, check_class, is_number
 from octo_arm_model.estimation.gaussian import Gaussian, lower_root
 
 _AXES = ('x', 'y', 'z')
@@ -48,12 +48,13 @@ class Walk:
     def __post_init__(self) -> None:
         """Validate."""
         for name, value, least in (('stddev', self.stddev, SMALLEST), ('rate', self.rate, 0.0)):
-            if not least <= value <= LARGEST:
+            if not is_number(value) or not least <= value <= LARGEST:
                 expected = f'{least:g} to {LARGEST:g}'
-                raise MeasurementError(f'{name} of a walk is {value}, expected {expected}')
-        if not self.correlation_time > 0.0:
+                raise MeasurementError(f'{name} of a walk is {shown(value)}, expected {expected}')
+        time = self.correlation_time
+        if not is_number(time) or not time > 0.0:
             raise MeasurementError(
-                f'correlation_time of a walk is {self.correlation_time}, expected > 0 [s]'
+                f'correlation_time of a walk is {shown(time)}, expected > 0 [s]'
             )
 
     @classmethod

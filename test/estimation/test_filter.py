@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -320,6 +321,19 @@ def test_a_failing_step_leaves_the_filter_as_it_was():
     for name, wrong in (('gate', 1.0), ('cell_fault', -0.1), ('recover_after', -1.0)):
         with pytest.raises(MeasurementError, match=f'{name} is {wrong}, expected'):
             Rules(**{name: wrong})
+
+
+@pytest.mark.parametrize('wrong', ['0.5', True, None])
+def test_what_is_no_number_is_refused_by_the_name_of_its_field(wrong):
+    for build, names in (
+        (lambda **given: Walk(**{'stddev': 1.0, **given}), ('stddev', 'rate', 'correlation_time')),
+        (Rules, ('gate', 'cell_fault', 'sensor_fault', 'recover_after')),
+        (partial(Estimator, {'': rubber(FORCE_AT_TIP)}), ('window', 'change_time')),
+        (partial(Filter(rubber(FORCE_AT_TIP)).add, measurements=[]), ('time',)),
+    ):
+        for name in names:
+            with pytest.raises(MeasurementError, match=f'{name}.* is {wrong!r}, expected [^\n]*$'):
+                build(**{name: wrong})
 
 
 def test_arguments_of_another_class_are_refused_by_name_and_value():
