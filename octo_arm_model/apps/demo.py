@@ -111,6 +111,7 @@ LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
 _MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # in order of preference
 _SLOWLY = 0.3  # highest speed of the movement of an arm that is pushed
 _POLL = 1.0 / 30.0  # [s]
+_GAP = 0.2  # [s] between readings that are used where the machine is busy
 _WINCHES = 0.2  # largest speed of the winches of an arm that moves, over its length [1/s]
 _PROG = 'octo_arm_demo'
 _EPILOG = """\
@@ -196,12 +197,12 @@ def _show(options: argparse.Namespace) -> int:
     commands: list[Sequence[str]] = [('octo_arm_model.ros.node.main', *common, *hidden)]
     if options.estimate:
         pushing, estimating = touched(config, is_moving=options.moving)
-        # Between two samples tensions change by no more than the standard deviation of their
-        # random walk: the gate would refuse what changes faster.
+        # In `_GAP` tensions change by no more than the standard deviation of their random walk:
+        # what changes faster is taken for the reading of a faulty load cell.
         profile = find_profile(movement, config.arm)
         samples = profile.at(np.arange(0.0, profile.duration, 1.0 / RATE))
         fastest = float(np.abs(np.diff(samples, axis=0)).max(initial=0.0))
-        speed = estimating['estimator.tension_rate'] / RATE**0.5 / max(fastest, 1e-9)
+        speed = estimating['estimator.tension_rate'] / _GAP**0.5 / max(RATE * fastest, 1e-9)
         playing |= {**pushing, 'profile.speed': min(_SLOWLY, speed)}
         commands = [
             ('octo_arm_model.ros.estimator.main', *common, *parameter_arguments(estimating))

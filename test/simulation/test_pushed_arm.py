@@ -183,6 +183,13 @@ def test_the_force_that_pushes_the_arm_is_found(name):
     assert np.mean(errors) < 10.0
 
 
+def test_a_moving_arm_is_measured_by_what_forces_at_a_few_places_explain():
+    config = Config.from_parameters(load_parameters('renda2012_table4'))
+    (resting, _), (moving, _) = touched(config), touched(config, is_moving=True)
+    # Inertia between these places turns the tip.
+    assert resting['sensors.tip_rotation_stddev'] and not moving['sensors.tip_rotation_stddev']
+
+
 @pytest.mark.parametrize('name', ['renda2012_prototype', 'renda2012_table4'])
 def test_the_estimate_of_an_arm_that_swings_is_as_exact_as_it_says(name):
     values = load_parameters(name) | {'stations': 31}
