@@ -19,7 +19,7 @@ MOST = {
     'octo_arm_model': 44_840,
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 460,
-    'octo_arm_model/arm': 2_480,
+    'octo_arm_model/arm': 2_490,
     'octo_arm_model/bags': 2_720,
     'octo_arm_model/cli': 2_960,
     'octo_arm_model/config': 1_740,
@@ -31,7 +31,7 @@ MOST = {
     'octo_arm_model/simulation': 2_210,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_410,
-    'test': 24_160,
+    'test': 24_180,
 }
 
 
