@@ -1,4 +1,4 @@
-"""Wrap angles of tendons as loops, see `loops`; `section_arrays` has them for NumPy."""
+"""The wrap angles of tendons as loops for numba; `section_arrays` has them for NumPy."""
 
 import numpy as np
 
@@ -11,11 +11,11 @@ _ROUGH = 0.5  # cosine between bends of a tendon at the ends of an element, see 
 
 
 def angles(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> None:
-    """Angle by which every tendon under tension has turned between the base and every node.
+    """Compute the angle by which every taut tendon has turned between the base and every node.
 
-    The integral of the length of e' + kappa x e, e the unit tangent in the axes of the section,
-    and the angles between tangents where strains jump; its length has a kink where it vanishes,
-    and is taken at fine points where it may. ``tensions`` displace tendons in sheaths.
+    It is the integral of |e' + kappa x e|, e the unit tangent in the axes of the section, and the
+    angles between tangents where strains jump. The norm has a kink where it vanishes, and is taken
+    at fine points where it may. ``tensions`` displace tendons in sheaths.
     """
     sizes = tables.lengths, tables.weights, tables.sharp
     rule = (

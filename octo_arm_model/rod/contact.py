@@ -1,7 +1,7 @@
-"""Contact of an arm with obstacles: pressure in proportion to how deep its surface enters them.
+"""Contact of an arm with obstacles: the pressure is proportional to the penetration.
 
 The arm is a tube of the radius R about its midline, which an obstacle of the stiffness k [N/m^3]
-meets over the width 2 R: where it is d deep the force per reference length is
+touches over the width 2 R. At a penetration d the force per reference length is
 
     f = 2 R k d n - mu 2 R k d u / sqrt(|u|^2 + v_0^2),    u = (1 - n n^T) (v - w x R n)
 
@@ -25,20 +25,20 @@ from octo_arm_model.rod.elements import Elements, gauss_rule
 from octo_arm_model.rod.loads import LocalTangents, along
 from octo_arm_model.rod.rotations import dot, outer, skew
 
-_SPACING, _POINTS = 0.2, 3  # parts of an element over R, and points of each
-_PARTS = 4, 120  # of an element, at least and at most, if its parts are not longer than R then
-_MOST_PARTS = 1000  # of an element
-_ROUNDED = 4e-7  # as `tables.force_scale`: of the stiffest obstacle all along the arm
+_SPACING, _POINTS = 0.2, 3  # length of the parts of an element over R, and points of each
+_PARTS = 4, 120  # least and largest number of parts of an element, if they are no longer than R
+_MOST_PARTS = 1000  # largest number of parts of an element
+_ROUNDED = 4e-7  # rounding error of places over the length, times the stiffest obstacle
 
 
 class Contacts(NamedTuple):
-    """How O obstacles act on an arm.
+    """The contact of an arm with O obstacles.
 
     Attributes:
-        s: arc coordinates of the M points at which contact is looked at [m], (M,).
-        penetration: how deep the surface of the arm is in each obstacle there [m], 0 where it does
-            not touch it, (O, M).
-        force: of each obstacle on the arm in base_frame, (O, 3) [N].
+        s: arc coordinates of the M points at which contact is computed [m], (M,).
+        penetration: penetration of the surface of the arm into each obstacle there [m], 0 without
+            contact, (O, M).
+        force: force of each obstacle on the arm in base_frame, (O, 3) [N].
     """
 
     s: FloatArray
@@ -46,15 +46,15 @@ class Contacts(NamedTuple):
     force: FloatArray
 
 
-NONE = Contacts(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 3)))  # of no obstacles
+NONE = Contacts(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 3)))  # contact without obstacles
 
 
 class NodeMotion(NamedTuple):
-    """How an arm moves.
+    """The motion of the nodes of an arm.
 
     Attributes:
-        velocity: of the nodes [m/s], (N, 3).
-        spin: matrix that takes a vector in the section to its velocity [1/s], (N, 3, 3).
+        velocity: velocity of the nodes [m/s], (N, 3).
+        spin: matrix from a vector in the section to its velocity [1/s], (N, 3, 3).
     """
 
     velocity: FloatArray
@@ -62,15 +62,15 @@ class NodeMotion(NamedTuple):
 
 
 class _Touch(NamedTuple):
-    """Where an obstacle is touched, at n of the points."""
+    """The contact with one obstacle, at n of the points."""
 
-    number: int  # of the obstacle in `Contact.obstacles`
+    number: int  # index of the obstacle in `Contact.obstacles`
     obstacle: Obstacle
-    where: IntArray  # numbers of the points, (n,)
+    where: IntArray  # indices of the points, (n,)
     stiffness: FloatArray  # force per length and depth [N/m^2], (n,)
-    depth: FloatArray  # [m], (n,)
-    normal: FloatArray  # outwards, (n, 3)
-    turn: FloatArray  # its derivative by the place, (n, 3, 3)
+    depth: FloatArray  # penetration [m], (n,)
+    normal: FloatArray  # outward normal, (n, 3)
+    turn: FloatArray  # derivative of the normal by the place, (n, 3, 3)
 
     @property
     def push(self) -> FloatArray:
@@ -79,28 +79,29 @@ class _Touch(NamedTuple):
 
 
 class Contact:
-    """An arm at its nodes and what it may touch.
+    """The obstacles of an arm, and their forces at its nodes.
 
     Attributes:
-        obstacles: these.
-        has_friction: whether one of them has.
-        rounding: force that rounded places make, over what is looked at of a residual [N].
+        obstacles: the obstacles.
+        has_friction: whether one of the obstacles has friction.
+        rounding: force by rounding of places, over the tolerance of a residual [N].
     """
 
     def __init__(self, arm: Arm, elements: Elements, obstacles: tuple[Obstacle, ...]) -> None:
-        """Of ``arm`` with nodes in ``elements``.
+        """Choose points of contact on an ``arm`` with nodes in ``elements``.
 
         Raises:
-            ArmDefinitionError: if its cross sections are not round, or it is too thin.
+            ArmDefinitionError: if the cross sections are not round, or the arm is too thin.
         """
         self.obstacles = obstacles
-        self.has_friction = any(one.friction for one in obstacles)
+        self.has_friction = any(obstacle.friction for obstacle in obstacles)
         if not arm.body.is_round:
             expected = 'none: a rectangular body has no contact'
             raise ArmDefinitionError('number of loads.obstacles', len(obstacles), expected)
         self._s, self._weights = _points(arm, elements)
         self._radius = surface_radius(arm, self._s)
-        stiffest = 2.0 * float(self._radius.max()) * max(one.stiffness for one in obstacles)
+        stiffness = max(obstacle.stiffness for obstacle in obstacles)
+        stiffest = 2.0 * float(self._radius.max()) * stiffness
         self.rounding = _ROUNDED * stiffest * arm.length**2
         self._between = elements.interpolation(self._s)
         self._back = self._between.T * self._weights / elements.weights[:, np.newaxis]
@@ -108,55 +109,55 @@ class Contact:
     def densities(
         self, place: FloatArray, motion: NodeMotion | None = None, to: Contact | None = None
     ) -> FloatArray:
-        """Force and moment per length at nodes at ``place`` (N, 3) [m], (2, N, 3) [N/m, N].
+        """Return force and moment per length at nodes at ``place`` (N, 3) [m], (2, N, 3).
 
-        Or at those of another contact ``to``, whose nodes are in the same elements.
+        They are at the nodes of another contact ``to``, if given, in the same elements [N/m, N].
         """
-        spread = self._back if to is None else to._back
-        total = np.zeros((2, len(spread), 3))
+        to_nodes = self._back if to is None else to._back
+        total = np.zeros((2, len(to_nodes), 3))
         for touch in self._touches(place):
-            back, drag = spread[:, touch.where], self._drag(touch, motion)
-            total[0] += back @ (touch.push * touch.normal + drag)
-            total[1] -= back @ np.cross(self._lever(touch), drag)
+            to_touched, drag = to_nodes[:, touch.where], self._drag(touch, motion)
+            total[0] += to_touched @ (touch.push * touch.normal + drag)
+            total[1] -= to_touched @ np.cross(self._lever(touch), drag)
         return total
 
     def tangents(
         self, place: FloatArray, motion: NodeMotion | None = None, by_velocity: float = 0.0
     ) -> list[LocalTangents]:
-        """Derivatives of `densities`, where velocities change ``by_velocity`` times the places."""
-        found = []
+        """Return derivatives of `densities`; velocities change ``by_velocity`` times places."""
+        tangents = []
         for touch in self._touches(place):
             n = touch.normal[:, :, np.newaxis]
             across = n * touch.stiffness[:, np.newaxis, np.newaxis]
-            own = LocalTangents(
+            tangent = LocalTangents(
                 touch.push[..., np.newaxis] * touch.turn - across * touch.normal[:, np.newaxis],
                 between=self._between[touch.where],
                 back=self._back[:, touch.where],
             )
             if motion is not None and touch.obstacle.friction:
-                own = self._with_drag(own, touch, motion, by_velocity)
-            found.append(own)
-        return found
+                tangent = self._with_drag(tangent, touch, motion, by_velocity)
+            tangents.append(tangent)
+        return tangents
 
     def _touches(self, place: FloatArray) -> list[_Touch]:
-        at, found = self._between @ place, []
+        points, touches = self._between @ place, []
         for number, obstacle in enumerate(self.obstacles):
-            nearest = obstacle.nearest(at)
+            nearest = obstacle.nearest(points)
             depth = self._radius - nearest.distance
-            (where,) = (depth > 0.0).nonzero()
-            if where.size:
-                stiffness = 2.0 * obstacle.stiffness * self._radius[where]
-                _, normal, turn = (one[where] for one in nearest)
-                of = number, obstacle, where
-                found.append(_Touch(*of, stiffness, depth[where], normal, turn))
-        return found
+            (touched,) = (depth > 0.0).nonzero()
+            if touched.size:
+                stiffness = 2.0 * obstacle.stiffness * self._radius[touched]
+                _, normal, turn = (values[touched] for values in nearest)
+                identity = number, obstacle, touched
+                touches.append(_Touch(*identity, stiffness, depth[touched], normal, turn))
+        return touches
 
     def _lever(self, touch: _Touch) -> FloatArray:
-        """From the surface to the midline [m], (n, 3)."""
+        """Return the vectors from the surface to the midline [m], (n, 3)."""
         return np.asarray(self._radius[touch.where, np.newaxis] * touch.normal)
 
     def _drag(self, touch: _Touch, motion: NodeMotion | None) -> FloatArray:
-        """Friction per length, (n, 3) [N/m]."""
+        """Return the friction per length, (n, 3) [N/m]."""
         if motion is None or not touch.obstacle.friction:
             return np.zeros_like(touch.normal)
         return self._slip(touch, motion)[0]
@@ -164,7 +165,7 @@ class Contact:
     def _slip(
         self, touch: _Touch, motion: NodeMotion
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Friction per length, velocity of the surface, the speed it counts as, and the spin."""
+        """Return friction per length, surface velocity, regularised speed, and spin."""
         between, n = self._between[touch.where], touch.normal
         spin = along(between, motion.spin)
         slip = between @ motion.velocity - (spin @ self._lever(touch)[..., np.newaxis])[..., 0]
@@ -173,34 +174,34 @@ class Contact:
         return -touch.obstacle.friction * touch.push * sliding / speed, slip, speed, spin
 
     def _with_drag(
-        self, own: LocalTangents, touch: _Touch, motion: NodeMotion, c: float
+        self, tangents: LocalTangents, touch: _Touch, motion: NodeMotion, c: float
     ) -> LocalTangents:
         drag, slip, speed, spin = self._slip(touch, motion)
         n, turn, mu = touch.normal, touch.turn, touch.obstacle.friction
-        size, one = mu * touch.push, np.eye(3)
+        size, identity = mu * touch.push, np.eye(3)
         radius = self._radius[touch.where, np.newaxis, np.newaxis]
-        lever, part = skew(self._lever(touch)), (size / speed)[..., np.newaxis]
-        # Of the velocity of the surface by displacement and turn, then of its part along it.
-        by_place, by_turn = c * one - radius * spin @ turn, c * lever - spin @ lever
-        project = one - outer(n, n)
-        tilted = (dot(n, slip)[..., np.newaxis] * one + outer(n, slip)) @ turn
+        lever, factor = skew(self._lever(touch)), (size / speed)[..., np.newaxis]
+        # Derivatives of the surface velocity by displacement and turn; then of its tangent part.
+        by_place, by_turn = c * identity - radius * spin @ turn, c * lever - spin @ lever
+        project = identity - outer(n, n)
+        tilted = (dot(n, slip)[..., np.newaxis] * identity + outer(n, slip)) @ turn
         by_place, by_turn = project @ by_place - tilted, project @ by_turn
         unit = -drag / size
-        less = part * (one - outer(unit, unit))
+        by_sliding = factor * (identity - outer(unit, unit))
         force_by_place = outer(drag, n) / -touch.depth[:, np.newaxis, np.newaxis]
-        force_by_place -= less @ by_place
-        force_by_turn = -less @ by_turn
-        return own._replace(
-            force_by_place=own.force_by_place + force_by_place,
+        force_by_place -= by_sliding @ by_place
+        force_by_turn = -by_sliding @ by_turn
+        return tangents._replace(
+            force_by_place=tangents.force_by_place + force_by_place,
             force_by_turn=force_by_turn,
             moment_by_place=radius * skew(drag) @ turn - lever @ force_by_place,
             moment_by_turn=-lever @ force_by_turn,
         )
 
-    # What a shape says of its contact ----------------------------------------------------------
+    # Results -----------------------------------------------------------------------------------
 
     def report(self, place: FloatArray, motion: NodeMotion | None = None) -> Contacts:
-        """What obstacles do to an arm with nodes at ``place`` (N, 3) [m]."""
+        """Return penetrations and forces of an arm with nodes at ``place`` (N, 3) [m]."""
         depths = np.zeros((len(self.obstacles), self._s.size))
         forces = np.zeros((len(self.obstacles), 3))
         for touch in self._touches(place):
@@ -210,10 +211,7 @@ class Contact:
         return Contacts(self._s, depths, forces)
 
     def error(self, place: FloatArray) -> float:
-        """Error of depths that nodes at ``place`` (N, 3) [m] have by the points' distance [m].
-
-        Estimated from the number of points in each stretch that touches an obstacle.
-        """
+        """Return the error of depths by the distance of points [m], with nodes at ``place``."""
         worst = 0.0
         for touch in self._touches(place):
             starts = np.append(0, np.flatnonzero(np.diff(touch.where) > 1) + 1)
@@ -232,7 +230,7 @@ class Contact:
             raise SolveError(f'the midline of the arm is {where}: it is too soft, or begins there')
 
     def inside(self, place: FloatArray) -> str:
-        """Where a midline with nodes at ``place`` (N, 3) [m] is inside an obstacle; or nothing."""
+        """Return in words where the midline is inside an obstacle; '' if nowhere."""
         for touch in self._touches(place):
             excess = touch.depth - self._radius[touch.where]
             worst = int(np.argmax(excess))
@@ -242,23 +240,23 @@ class Contact:
                 return f'{excess[worst]:.3g} m inside loads.obstacles[{number}] at s = {s:.4g} m'
         return ''
 
-    def has_passed(self, before: FloatArray, after: FloatArray) -> bool:
-        """Whether the arm went through an obstacle between two places of the nodes, (N, 3) [m]."""
-        ends = self._between @ before, self._between @ after
-        return any(bool(one.has_between(*ends, self._radius).any()) for one in self.obstacles)
+    def has_passed(self, start: FloatArray, end: FloatArray) -> bool:
+        """Return whether the arm passed an obstacle between two places of its nodes, (N, 3)."""
+        ends = self._between @ start, self._between @ end
+        return any(bool(o.has_between(*ends, self._radius).any()) for o in self.obstacles)
 
 
 def surface_radius(arm: Arm, s: FloatArray) -> FloatArray:
-    """Radius of the tube that touches obstacles at ``s`` (n,) [m]: of the body, or its discs."""
+    """Return the radius of body or discs, which touches obstacles, at ``s`` (n,) [m]."""
     return np.maximum(arm.body.radius(s), arm.body.disc_radius)
 
 
 def _points(arm: Arm, elements: Elements) -> tuple[FloatArray, FloatArray]:
-    """Where contact is looked at, (M,) [m], and weights of the integral there."""
+    """Return the points of contact, (M,) [m], and weights of the integral over them."""
     rule = gauss_rule(_POINTS)
     ends = surface_radius(arm, elements.edges)
     over_radius = elements.lengths / np.minimum(ends[:-1], ends[1:])
-    # Between points farther apart than R the arm would go through a thin post unnoticed.
+    # A thin post between points farther apart than R would not be noticed.
     most = np.maximum(_PARTS[1], np.ceil(over_radius))
     if most.max() > _MOST_PARTS:
         thin = int(np.argmax(most))

@@ -1,8 +1,8 @@
-"""What the motion of a rod adds to its balance: inertia, added mass, drag and viscosity.
+"""The loads of the motion of a rod: inertia, added mass, drag and viscosity.
 
-Discretised in time, velocity and acceleration are linear in where the rod is, so that a time step
-is a balance under loads that depend on the shape. With the velocity w of a node relative to the
-water, its acceleration a, the tangent t and its rate t', per reference length
+Discretised in time, velocity and acceleration are linear functions of places. So a time step is a
+balance under loads that depend on the shape. With the velocity w of a node relative to the water,
+its acceleration a, the tangent t and its rate t', the loads per reference length are
 
     force    -rho A a_abs - m_a (P w)' - rho_w R |w| (C_n w + (pi C_t / 2 - C_n) (t . w) t)
              + rho_w A u',                       P = 1 - t t^T,    m_a = C_a rho_w A            (1)
@@ -50,11 +50,11 @@ class MovingProblem(Problem):
     """The residual and Jacobian of a rod that moves by a `TimeRule`.
 
     Attributes:
-        rule: velocities and accelerations, of a rod at rest at first.
-        reference: moment and force that residuals are measured by besides `Work.scale`, (m,).
-        origin: where positions count from [m], (3,): rounding of large ones would accelerate it.
-        base: position from there [m] and quaternion w, x, y, z of the base, (7,).
-        is_viscous: whether viscosity damps it.
+        rule: velocities and accelerations; at first those of a rod at rest.
+        reference: moment and force that are added to `Work.scale` for residuals, (m,).
+        origin: origin of positions [m], (3,), as rounding of large ones would accelerate the rod.
+        base: position from the origin [m] and quaternion w, x, y, z of the base, (7,).
+        is_viscous: whether viscosity damps the rod.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class MovingProblem(Problem):
         strains: int,
         properties: MotionProperties,
     ) -> None:
-        """Of ``arm``, its ``tables`` at the nodes of ``elements`` and its ``loads``.
+        """Prepare the equations of ``arm`` with ``tables`` at the nodes of ``elements``.
 
         Raises:
             ArmDefinitionError: if the arm has no density.
@@ -77,9 +77,9 @@ class MovingProblem(Problem):
             expected = 'a density > 0 [kg/m^3] of an arm that moves'
             raise ArmDefinitionError('material.density', 0.0, expected)
         for name in ('normal_drag', 'tangential_drag', 'added_mass'):
-            if not arm.body.is_round and (given := getattr(properties, name)):
+            if not arm.body.is_round and (value := getattr(properties, name)):
                 expected = '0 of a rectangular body, of which drag and added mass are not known'
-                raise ArmDefinitionError(f'motion.{name}', given, expected)
+                raise ArmDefinitionError(f'motion.{name}', value, expected)
         water, nodes, density = loads.fluid_density, elements.s.size, arm.material.density
         body, drag = arm.body.geometry(elements.s), water * tables.body[:, RADIUS]
         across, along = properties.normal_drag, 0.5 * math.pi * properties.tangential_drag
@@ -96,9 +96,9 @@ class MovingProblem(Problem):
             axis=1,
         )
         if arm.discs.mass:
-            more = arm.discs.mass / arm.discs.thickness * arm.discs.cover(elements.s)
+            disc_mass = arm.discs.mass / arm.discs.thickness * arm.discs.cover(elements.s)
             rotary = 0.25 * arm.body.disc_radius**2
-            section[:, : ROTARY_B + 1] += np.outer(more, [1.0, rotary, rotary])
+            section[:, : ROTARY_B + 1] += np.outer(disc_mass, [1.0, rotary, rotary])
         self.moving = MotionTables(
             elements.from_base,
             elements.to_tip,
@@ -131,7 +131,7 @@ class MovingProblem(Problem):
             self._current = self._oriented = None
 
     def _following_loads(self, factor: float, z: FloatArray) -> FloatArray:
-        """See `Problem`; leaves how the nodes move in `motion`."""
+        """Return the loads that depend on the shape, and put the motion of nodes in `motion`."""
         work = self.work
         self.form.moving_loads(
             self.moving, self.rule, self.base[:3], work.slope, work.rotation, self.motion
@@ -139,7 +139,7 @@ class MovingProblem(Problem):
         return super()._following_loads(factor, z) + self.motion.load
 
     def _add_gradients(self, at_nodes: NodeCondition, z: FloatArray) -> float:
-        """See `Problem`; with viscosity."""
+        """Add the gradients of the sections and of viscosity; return the relative residual."""
         super()._add_gradients(at_nodes, z)
         residual, scale = self.work.residual, self.work.scale[:, self._of_scale]
         if self.is_viscous:
@@ -148,14 +148,14 @@ class MovingProblem(Problem):
         return float((np.abs(residual) / (scale + self.reference)).max())
 
     def fill_jacobian(self, state: State, damping: float = 0.0) -> None:
-        """See `Problem`; with what the motion adds."""
+        """Compute the Jacobian with the derivatives of the motion's loads."""
         super().fill_jacobian(state, damping)
         self.add_motion(state.z, self.rule.by_velocity, self.rule.by_acceleration)
 
     def add_motion(self, z: FloatArray, c1: float, c0: float) -> None:
-        """Add to the Jacobian what inertia and resistance do, about the motion of `rule`.
+        """Add the derivatives of inertia and resistance to the Jacobian, by the motion of `rule`.
 
-        Where velocities change by ``c1`` and accelerations by ``c0`` times what the places do.
+        Velocities change by ``c1``, and accelerations by ``c0``, times the change of the places.
         """
         work = self.work
         if self.is_viscous:
@@ -167,25 +167,25 @@ class MovingProblem(Problem):
         add_tangents(self.elements, work, z.shape[1], tangents)
 
     def _add_contact(self) -> None:
-        """See `Problem`: with the motion."""
+        """Add nothing, as `add_motion` adds contact together with the motion."""
 
     def _touched(self) -> tuple[FloatArray, NodeMotion | None]:
-        """See `Problem`."""
+        """Return the places of the nodes, and their motion if obstacles have friction."""
         place, velocity = self.motion[:2]
         rubs = self.contact is not None and self.contact.has_friction
         return place[:, POSITION], node_motion(place, velocity) if rubs else None
 
     def velocities(self, place: FloatArray, twist_rate: FloatArray) -> FloatArray:
-        """Of ``place`` (N, 12) for rates of the twists in `work` (N, m), on a base at rest."""
+        """Return the rates of ``place`` (N, 12) for a ``twist_rate`` (N, m), on a base at rest."""
         turn, slope = kinematics(self.elements.from_base, self.work, twist_rate.shape[1])
         spin = (turn @ twist_rate.ravel())[:, np.newaxis]
-        found = np.empty((len(place), 4, 3))
-        found[:, 0] = self.moving.from_base @ (slope @ twist_rate.ravel())
-        found[:, 1:] = np.cross(spin, place[:, 3:].reshape(-1, 3, 3))
-        return found.reshape(place.shape)
+        rates = np.empty((len(place), 4, 3))
+        rates[:, 0] = self.moving.from_base @ (slope @ twist_rate.ravel())
+        rates[:, 1:] = np.cross(spin, place[:, 3:].reshape(-1, 3, 3))
+        return rates.reshape(place.shape)
 
     def _tangents(self, c1: float, c0: float) -> LocalTangents:
-        """Derivatives of (1), and of (2), by displacement and turn of a node, (N, 3, 3) each."""
+        """Return the derivatives of (1) and (2) by displacement and turn of a node."""
         place, velocity, acceleration, _ = self.motion
         section = self.moving.section
         mass, _, _, _, added, across, along = section.T[..., np.newaxis, np.newaxis]
@@ -204,9 +204,9 @@ class MovingProblem(Problem):
         (u, rate), dt = self.rule.water, velocity[:, TANGENT]
         w, a = velocity[:, POSITION] - u, acceleration[:, POSITION] - rate
         tw, size = dot(t, w)[..., np.newaxis], np.sqrt(dot(w, w))[..., np.newaxis]
-        turned = outer(dt, t)
+        tangent_rate_product = outer(dt, t)
         by_acceleration = -added * (one - tt)
-        by_velocity = added * (turned + turned.swapaxes(1, 2))
+        by_velocity = added * (tangent_rate_product + tangent_rate_product.swapaxes(1, 2))
         by_velocity -= size * (across * one + along * tt)
         drag = across * w[..., np.newaxis] + along * tw * t[..., np.newaxis]
         by_velocity -= drag * (w / np.maximum(size[..., 0], 1e-300))[:, np.newaxis]
@@ -225,7 +225,7 @@ class MovingProblem(Problem):
 
 
 def node_motion(place: FloatArray, velocity: FloatArray) -> NodeMotion:
-    """How nodes at ``place`` (N, 12) move with ``velocity`` (N, 12)."""
+    """Return the motion of nodes at ``place`` (N, 12) with a ``velocity`` (N, 12)."""
     axes, rates = (x[:, 3:].reshape(-1, 3, 3) for x in (place, velocity))
     return NodeMotion(velocity[:, POSITION], rates.swapaxes(1, 2) @ axes)
 
@@ -233,7 +233,7 @@ def node_motion(place: FloatArray, velocity: FloatArray) -> NodeMotion:
 def _viscosities(
     arm: Arm, s: FloatArray, strains: int, properties: MotionProperties
 ) -> FloatArray:
-    """D of the sections at ``s`` (N,) [m], (N, m)."""
+    """Return the viscous stiffness D of the sections at ``s`` (N,) [m], (N, m)."""
     body, eta = arm.body.geometry(s), properties.viscosity
     axial, torsion, bending_n, bending_b, shear = SectionStiffness.at(arm, s)
     parts = [torsion, bending_n, bending_b, axial, shear, shear]

@@ -1,4 +1,4 @@
-"""The node functions of a rod that moves as loops for numba; `arrays` for NumPy."""
+"""The node functions of a rod that moves as loops for numba; `arrays` has them for NumPy."""
 
 import numpy as np
 
@@ -26,7 +26,7 @@ def moving_loads(
     rotation: FloatArray,
     motion: Motion,
 ) -> None:
-    """See `arrays`."""
+    """Compute the ``motion`` of the nodes of a rod, and its loads."""
     along = tables.from_base, tables.to_tip
     before = rule.velocity, rule.acceleration
     factors = rule.by_velocity, rule.by_acceleration, tables.in_water
@@ -60,14 +60,14 @@ def _fill_motion(
         for c in range(12):
             velocity[i, c] = by_velocity * place[i, c] - velocities[i, c]
             acceleration[i, c] = by_acceleration * place[i, c] - accelerations[i, c]
-        section, own, rates = sections[i], place[i], acceleration[i]
+        section, node_place, rates = sections[i], place[i], acceleration[i]
         force, moment = density[i, :3], density[i, 3:]
         for c in range(3):
             force[c] = -section[MASS] * rates[c]
-        _add_cross(-section[ROTARY_N], own[6:9], rates[6:9], moment)
-        _add_cross(-section[ROTARY_B], own[9:12], rates[9:12], moment)
+        _add_cross(-section[ROTARY_N], node_place[6:9], rates[6:9], moment)
+        _add_cross(-section[ROTARY_B], node_place[9:12], rates[9:12], moment)
         if in_water:
-            _add_water(section, water, own[3:6], velocity[i], rates, force, moment)
+            _add_water(section, water, node_place[3:6], velocity[i], rates, force, moment)
     _integrate(to_tip, density, total)
     for i in range(nodes):
         for c in range(3):
@@ -76,7 +76,7 @@ def _fill_motion(
 
 @helper
 def _integrate(matrix: FloatArray, values: FloatArray, out: FloatArray) -> None:
-    """A ``matrix`` (N, N) in columns times ``values`` (N, k), into ``out`` (k, N)."""
+    """Write a ``matrix`` (N, N) in columns times ``values`` (N, k) into ``out`` (k, N)."""
     for c in range(out.shape[0]):
         for i in range(out.shape[1]):
             out[c, i] = 0.0

@@ -4,8 +4,8 @@ The residual of a rod that moves is linear in small changes of its twists z and 
 
     K dz + C dz' + M dz'' + P dT = 0
 
-for changes dT of the tensions. Times the weights of the nodes K and M are symmetric (Gauss
-collocation), K where all loads have an energy.
+for changes dT of the tensions. M times the weights of the nodes is symmetric (Gauss collocation),
+and so is K if all loads have an energy.
 """
 
 from typing import NamedTuple
@@ -21,12 +21,12 @@ from octo_arm_model.rod.motion import Dynamics, MotionState
 
 
 class Modes(NamedTuple):
-    """Natural modes of an arm about an equilibrium, the slowest first.
+    """The natural modes of an arm about an equilibrium, the slowest first.
 
     Attributes:
-        frequencies: without damping [Hz], (k,).
+        frequencies: natural frequencies without damping [Hz], (k,).
         damping: ratio of the damping to the critical one [-], (k,).
-        shapes: displacement of the stations in base_frame, the largest 1, (k, S, 3).
+        shapes: displacements of the stations in base_frame, of largest norm 1, (k, S, 3).
     """
 
     frequencies: FloatArray
@@ -35,10 +35,10 @@ class Modes(NamedTuple):
 
 
 class LinearModel(NamedTuple):
-    """State space x' = A x + B u, y = C x + D u, about an equilibrium, in k of its modes.
+    """The state-space model x' = A x + B u, y = C x + D u, in k modes about an equilibrium.
 
     The input u is the change of the tensions of J tendons [N], the output y that of the position
-    of the tip [m]. D is what faster modes contribute, as if they followed at once.
+    of the tip [m]. D is the static response of the faster modes.
     """
 
     A: FloatArray
@@ -48,7 +48,7 @@ class LinearModel(NamedTuple):
 
 
 class _ModalEquations(NamedTuple):
-    """Modes as columns, (N m, k), and the linear equations in them, of mass one."""
+    """Modes of unit mass as columns, (N m, k), and the linear equations in them."""
 
     shapes: FloatArray
     stiffness: FloatArray
@@ -60,27 +60,27 @@ class _ModalEquations(NamedTuple):
 
 
 def modes(dynamics: Dynamics, state: MotionState, count: int = 6) -> Modes:
-    """The ``count`` slowest modes about a ``state`` at rest, as `Dynamics.at_rest` gives it.
+    """Return the ``count`` slowest modes about a ``state`` at rest, see `Dynamics.at_rest`.
 
-    Tendons with friction stick. Damping ratios are to first order in what couples the modes.
+    Tendons with friction stick. Damping ratios are to first order in the coupling of the modes.
 
     Raises:
         ConfigError: if there are not so many modes.
         SolveError: if the equilibrium is not stable.
     """
-    found = _linearisation(dynamics, state, count)
-    omega = np.sqrt(found.stiffness.diagonal())
-    moved = np.moveaxis(found.by_stations @ found.shapes, -1, 0)
-    size = np.sqrt((moved * moved).sum(axis=2)).max(axis=1)
+    equations = _linearisation(dynamics, state, count)
+    omega = np.sqrt(equations.stiffness.diagonal())
+    displacement = np.moveaxis(equations.by_stations @ equations.shapes, -1, 0)
+    size = np.sqrt((displacement * displacement).sum(axis=2)).max(axis=1)
     return Modes(
         omega / (2.0 * np.pi),
-        0.5 * found.damping.diagonal() / omega,
-        moved / size[:, np.newaxis, np.newaxis],
+        0.5 * equations.damping.diagonal() / omega,
+        displacement / size[:, np.newaxis, np.newaxis],
     )
 
 
 def linearise(dynamics: Dynamics, state: MotionState, count: int = 12) -> LinearModel:
-    """The linear model in ``count`` modes about a ``state`` at rest.
+    """Return the linear model in ``count`` modes about a ``state`` at rest.
 
     Raises:
         ConfigError: if there are not so many modes, or tendons have friction, which has no
@@ -89,15 +89,15 @@ def linearise(dynamics: Dynamics, state: MotionState, count: int = 12) -> Linear
     """
     if dynamics.problem.friction is not None:
         raise ConfigError('tendons have friction: the arm has no linear model')
-    found = _linearisation(dynamics, state, count)
+    equations = _linearisation(dynamics, state, count)
     one, zero = np.eye(count), np.zeros((count, count))
-    tip = found.by_stations[-1]
-    push = -found.shapes.T @ (found.weights[:, np.newaxis] * found.by_tensions)
-    by_modes = tip @ found.shapes
-    direct = -tip @ np.linalg.solve(found.full_stiffness, found.by_tensions)
-    direct -= by_modes @ np.linalg.solve(found.stiffness, push)
+    tip = equations.by_stations[-1]
+    push = -equations.shapes.T @ (equations.weights[:, np.newaxis] * equations.by_tensions)
+    by_modes = tip @ equations.shapes
+    direct = -tip @ np.linalg.solve(equations.full_stiffness, equations.by_tensions)
+    direct -= by_modes @ np.linalg.solve(equations.stiffness, push)
     return LinearModel(
-        np.block([[zero, one], [-found.stiffness, -found.damping]]),
+        np.block([[zero, one], [-equations.stiffness, -equations.damping]]),
         np.concatenate([np.zeros_like(push), push]),
         np.concatenate([by_modes, np.zeros_like(by_modes)], axis=1),
         direct,
@@ -114,20 +114,20 @@ def _linearisation(dynamics: Dynamics, state: MotionState, count: int) -> _Modal
     condition = Condition(known.at_nodes.tensions, state.tip_wrench)
     known = problem.evaluate(problem.at_nodes(condition), z)
     problem.fill_jacobian(known)
-    parts = [problem.work.jacobian.copy()]
+    matrices = [problem.work.jacobian.copy()]
     jacobian = problem.work.jacobian
     for c1, c0 in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
         jacobian[:] = 0.0
         problem.add_motion(z, c1, c0)
-        parts.append(jacobian.copy())
-    stiffness, still = parts[0], parts[1]
-    damping, inertia = parts[2] - still, parts[3] - still
+        matrices.append(jacobian.copy())
+    stiffness, at_rest = matrices[0], matrices[1]
+    damping, inertia = matrices[2] - at_rest, matrices[3] - at_rest
     weights = np.repeat(problem.elements.weights, z.shape[1])
-    weighted = [weights[:, np.newaxis] * one for one in (stiffness, inertia)]
-    potential, kinetic = (0.5 * (one + one.T) for one in weighted)
+    weighted = [weights[:, np.newaxis] * matrix for matrix in (stiffness, inertia)]
+    potential, kinetic = (0.5 * (matrix + matrix.T) for matrix in weighted)
     slowest = [size - count, size - 1]
     try:
-        # Of M about K, as M hardly differs from zero in the fastest modes.
+        # The eigenvalues are those of M by K, as M is nearly singular in the fastest modes.
         squares, shapes = eigh(kinetic, potential, subset_by_index=slowest)
     except np.linalg.LinAlgError:
         raise SolveError('the equilibrium is not stable: it has no modes') from None

@@ -1,15 +1,15 @@
-"""The arm in motion: time steps of the same rod, each a balance with what `inertia` adds.
+"""The motion of an arm by time steps, each a balance of the rod with the loads of `inertia`.
 
-Generalised alpha (Chung and Hulbert 1993) in the form of Arnold and Bruls 2007, on positions and
-axes of the cross sections, which are vectors: with the acceleration a of the rule and that of the
-rod, x'',
+The rule is generalised alpha (Chung and Hulbert 1993) in the form of Arnold and Bruls 2007, on
+positions and axes of the cross sections, which are vectors. With the acceleration a of the rule
+and that of the rod, x'',
 
     x_1 = x_0 + h x'_0 + h^2 ((1/2 - beta) a_0 + beta a_1),
     x'_1 = x'_0 + h ((1 - gamma) a_0 + gamma a_1),
     (1 - alpha_m) a_1 + alpha_m a_0 = (1 - alpha_f) x''_1 + alpha_f x''_0,
 
-so that x' and x'' are linear in x_1 and the balance holds at the end of each step. Second order,
-without damping of what is slow, and with the factor rho_inf per step of what is fastest.
+so that x' and x'' are linear in x_1, and the balance holds at the end of each step. The rule is of
+second order. It hardly damps slow motions, and the fastest by the factor rho_inf per step.
 """
 
 from __future__ import annotations
@@ -58,38 +58,38 @@ from octo_arm_model.rod.winch_equations import BorderedSystem, WinchEquations
 
 RHO_INF = 0.85
 TOLERANCE = 1e-7  # residual of the balance at the end of a step
-# Shorter steps leave more, as places are rounded: times the square of this over the step [s].
+# Places are rounded, so the tolerance of shorter steps is larger by this over the step squared.
 _ROUNDED = 5e-4
-# Any progress serves: a step in time is halved where a search fails.
+# Any progress is accepted, as a time step is halved if its search fails.
 _RULE = Rule(iterations=30, again=0.6, predicted=1.0, first=1.0, progress=1.0, shortest=0.01)
-_FEWER_POINTS = -2  # in each element than an equilibrium has
-_LEAST_HALF = 2e-5  # step that is halved no more [s]
-# A longer step than this [s] that takes more iterations than _CALM is not accurate: the arm whips.
+_FEWER_POINTS = -2  # points of an element more than for an equilibrium
+_LEAST_HALF = 2e-5  # shortest step that is halved [s]
+# A longer step than this [s] with more than _CALM iterations is not accurate: the arm whips.
 _SHORT, _CALM = 1.25e-3, 5
 STEPS = 1e-7, 1.0  # shortest and longest [s]
 
 
 def base_of(pose: Pose) -> FloatArray:
-    """Position [m] and quaternion w, x, y, z of a ``pose``, (7,)."""
+    """Return position [m] and quaternion w, x, y, z of a ``pose``, (7,)."""
     x, y, z, w = pose.quaternion
     return np.array([*pose.position, w, x, y, z])
 
 
 def _quiet() -> np.errstate:
-    """Where numbers that are none are looked for."""
+    """Return a context without NumPy's warnings, for code that checks for NaN itself."""
     return np.errstate(over='ignore', invalid='ignore', divide='ignore')
 
 
 class Dynamics:
-    """Moves one arm in time.
+    """The dynamics of one arm.
 
-    Not for two threads at once, but each may take a copy. States passed to it must be its own, or
-    a copy's: those of another number of nodes, strains or tendons are refused.
+    It is not for two threads at once, but each may have a copy. States have to come from it or a
+    copy; those with another number of nodes, strains or tendons are refused.
 
     Attributes:
-        solver: of its equilibria.
-        properties: its damping, and the water's.
-        problem: the equations at the nodes.
+        solver: solver of the equilibria of the arm.
+        properties: damping of the arm, and the properties of the water.
+        problem: equations of the moving arm at its nodes.
     """
 
     def __init__(
@@ -99,9 +99,9 @@ class Dynamics:
         rho_inf: float = RHO_INF,
         level: int = 0,
     ) -> None:
-        """Of the arm, loads, base and stations of ``solver``.
+        """Prepare the equations of the arm, loads, base and stations of ``solver``.
 
-        Each ``level`` from 0 to 4 has more nodes, see `elements.LEVELS`.
+        Higher levels, 0 to 4, have more nodes, see `elements.LEVELS`.
 
         Raises:
             ConfigError: if the model of ``solver`` is not exact, or there is no such level.
@@ -125,7 +125,7 @@ class Dynamics:
         )
         self.problem.origin = base[:3]
         self._base, self.places = base, places_at(elements, solver.grid.s)
-        # At rest obstacles have no friction: it grows with the speed.
+        # At rest obstacles have no friction, as it grows with the speed.
         smooth = solver.loads.without_friction()
         self._still = solver.with_loads(smooth) if loads.has_friction else solver
         self._options = rho_inf, level
@@ -133,34 +133,34 @@ class Dynamics:
         self._numbers = {name: number for number, name in enumerate(arm.tendon_names)}
 
     def __reduce__(self) -> tuple[type[Dynamics], tuple[object, ...]]:
-        """A copy, one in another process as well, is prepared from the same arguments."""
+        """Copy by preparing another one with the same arguments, also in another process."""
         return Dynamics, (copy.copy(self.solver), self.properties, *self._options)
 
     @property
     def nodes(self) -> Elements:
-        """Where the nodes are."""
+        """The elements with the nodes."""
         return self.problem.elements
 
     @functools.cached_property
     def winches(self) -> WinchEquations:
-        """The equations with winches."""
+        """The equations of the arm with winches."""
         return WinchEquations(self.problem, self.solver.arm)
 
     # States ------------------------------------------------------------------------------------
 
     def at_rest(self, inputs: Inputs, time: float = 0.0) -> MotionState:
-        """The equilibrium under ``inputs``, on the base of the solver and in the current there.
+        """Return the equilibrium under ``inputs``, on the base of the solver.
 
         Raises:
-            OctoArmError: as `Solver.solve`.
-            ConfigError: if another base is given.
+            OctoArmError: if the inputs do not fit the arm, or there is no equilibrium.
+            ConfigError: if the inputs have another base.
         """
-        (wanted, current, base), solver = self.checked(inputs), self._still
+        (target, current, base), solver = self.checked(inputs), self._still
         if not (base == self._base).all():
             raise ConfigError('inputs.base is another than that of the solver, expected None')
-        tensions, wrench = wanted.tensions, wanted.tip_wrench - solver.loads.tip_wrench
-        if wanted.driven.any():
-            start, _ = solver.wind(wanted.lengths, wanted.driven, tensions, wrench, None)
+        tensions, wrench = target.tensions, target.tip_wrench - solver.loads.tip_wrench
+        if target.driven.any():
+            start, _ = solver.wind(target.lengths, target.driven, tensions, wrench, None)
         else:
             start = solver.solve(tensions.reshape(solver.arm.tension_shape), wrench)
         assert start.equilibrium is not None
@@ -169,31 +169,31 @@ class Dynamics:
         z = moved(z, solver.elements(level), problem.elements)
         problem.place_base(base)
         problem.reference = np.zeros(z.shape[1])
-        condition = Condition(start.tensions.ravel(), wanted.tip_wrench)
-        found = self._in_current(problem.at_nodes(condition), z, current)
+        condition = Condition(start.tensions.ravel(), target.tip_wrench)
+        state = self._in_current(problem.at_nodes(condition), z, current)
         twist, place = np.zeros((4, *z.shape)), np.zeros((4, *problem.motion.place.shape))
-        twist[0], place[0] = found.z, problem.motion.place
+        twist[0], place[0] = state.z, problem.motion.place
         water = np.array([current, *np.zeros((2, 3))])
-        return self._state(time, base, found, (twist, place, water))
+        return self._state(time, base, state, (twist, place, water))
 
     def _in_current(self, at_nodes: NodeCondition, z: FloatArray, current: FloatArray) -> State:
-        """The balance near ``z`` at rest, in a ``current`` that grows where it has to."""
+        """Return the balance near ``z`` at rest, in a ``current`` that is raised step by step."""
         problem = self.problem
         with _quiet():
-            for parts in (1, 8, 64):
+            for steps in (1, 8, 64):
                 guess = z
-                for part in range(1, parts + 1):
-                    water = np.array([current * (part / parts), np.zeros(3)])
+                for step in range(1, steps + 1):
+                    water = np.array([current * (step / steps), np.zeros(3)])
                     problem.rule = problem.rest._replace(water=water)
-                    found = newton(problem, problem.evaluate(at_nodes, guess), TOLERANCE)
-                    guess = found.state.z
-                if found.state.residual <= TOLERANCE:
+                    result = newton(problem, problem.evaluate(at_nodes, guess), TOLERANCE)
+                    guess = result.state.z
+                if result.state.residual <= TOLERANCE:
                     break
-            self._require(found.state)
-        return found.state
+            self._require(result.state)
+        return result.state
 
     def checked(self, inputs: Inputs) -> CheckedInputs:
-        """Checked ``inputs``.
+        """Check ``inputs`` and return them as arrays.
 
         Raises:
             TensionError: if tensions or displacements do not fit the arm.
@@ -226,26 +226,26 @@ class Dynamics:
         self,
         time: float,
         base: FloatArray,
-        found: State,
-        moves: tuple[FloatArray, FloatArray, FloatArray],
+        balance: State,
+        motion: tuple[FloatArray, FloatArray, FloatArray],
         last: tuple[int, float, Linear | None] = (0, 0.0, None),
     ) -> MotionState:
-        problem, condition = self.problem, found.condition
-        history = None if problem.friction is None else problem.history(found)
+        problem, condition = self.problem, balance.condition
+        history = None if problem.friction is None else problem.history(balance)
         wrench = np.abs(problem.work.gradient).max(axis=0)
-        beyond = np.concatenate([found.at_nodes.force, problem.work.moment], axis=1)
-        given = condition.tensions, condition.tip_wrench, base, wrench, self._to_base @ beyond
-        for array in (*moves, *given, history):
+        beyond = np.concatenate([balance.at_nodes.force, problem.work.moment], axis=1)
+        loads = condition.tensions, condition.tip_wrench, base, wrench, self._to_base @ beyond
+        for array in (*motion, *loads, history):
             if array is not None:
                 array.setflags(write=False)
-        return MotionState(time, *moves, *given, history, found.residual, *last)
+        return MotionState(time, *motion, *loads, history, balance.residual, *last)
 
     # Steps -------------------------------------------------------------------------------------
 
     def step(self, state: MotionState, inputs: Inputs, dt: float) -> MotionState:
-        """The state after ``dt`` [s], when ``inputs`` act.
+        """Return the state after ``dt`` [s], at whose end ``inputs`` act.
 
-        In shorter steps where Newton's method fails.
+        If Newton's method fails the step is divided into shorter ones.
 
         Raises:
             SolveError: if no step is short enough.
@@ -261,20 +261,22 @@ class Dynamics:
     def go_on(
         self, state: MotionState, inputs: Inputs, elapsed: float, longest: float
     ) -> MotionState:
-        """The state after ``elapsed`` [s] in equal steps of at most ``longest`` [s].
+        """Return the state after ``elapsed`` [s] in equal steps of at most ``longest`` [s].
 
-        All inputs change linearly over them. A step that takes many iterations, as of an arm that
-        whips, is replaced by shorter ones, as one that fails.
+        All inputs change linearly over them. A step that fails, or takes many iterations because
+        the arm whips, is divided into shorter ones.
 
         Raises:
-            As `step`.
+            OctoArmError: if no step is short enough, or an argument does not fit, see `step`.
         """
         self._require_own(state)
-        given, count = self.checked(inputs), max(math.ceil(elapsed / longest - 1e-9), 1)
+        checked, count = self.checked(inputs), max(math.ceil(elapsed / longest - 1e-9), 1)
         dt = within('dt', elapsed / count, *STEPS, 's')
         with _quiet():
-            for left in range(count, 0, -1):
-                state = self._advance(state, self._between(state, given, 1.0 / left), dt, _SHORT)
+            for steps in range(count, 0, -1):
+                state = self._advance(
+                    state, self._between(state, checked, 1.0 / steps), dt, _SHORT
+                )
         return state
 
     def _require_own(self, state: MotionState) -> None:
@@ -284,15 +286,15 @@ class Dynamics:
             raise ConfigError('the state is that of another arm, or of other nodes')
 
     def _advance(
-        self, state: MotionState, given: CheckedInputs, dt: float, short: float
+        self, state: MotionState, inputs: CheckedInputs, dt: float, short: float
     ) -> MotionState:
-        """In one step, or two of half of it where that fails, or is hard and not ``short``."""
+        """Return the state after one step, or two half ones if that fails or is inaccurate."""
         is_calm = state.iterations <= _CALM or state.dt >= dt
         if dt <= short or is_calm:
             try:
-                found = self._one_step(state, given, dt)
-                if dt <= short or found.iterations <= _CALM:
-                    return found
+                new = self._one_step(state, inputs, dt)
+                if dt <= short or new.iterations <= _CALM:
+                    return new
             except SolveError as error:
                 if dt < _LEAST_HALF:
                     undamped = '; nothing damps its waves: state a viscosity or damping_time'
@@ -300,48 +302,47 @@ class Dynamics:
                         f'the motion ends at {state.time:.6g} s, no step of {dt:.2g} s succeeds: '
                         f'{error}{"" if self.problem.is_viscous else undamped}'
                     ) from None
-        middle = self._advance(state, self._between(state, given, 0.5), 0.5 * dt, short)
-        return self._advance(middle, given, 0.5 * dt, short)
+        middle = self._advance(state, self._between(state, inputs, 0.5), 0.5 * dt, short)
+        return self._advance(middle, inputs, 0.5 * dt, short)
 
-    def _between(self, state: MotionState, given: CheckedInputs, part: float) -> CheckedInputs:
-        """What acts after a ``part`` of the way from what acts on ``state``."""
+    def _between(self, state: MotionState, inputs: CheckedInputs, part: float) -> CheckedInputs:
+        """Return the inputs at a ``part`` of the way from those of ``state``."""
         if part == 1.0:
-            return given
-
-        wanted, now, base = given.condition, state.water[0], state.base.copy()
-        lengths = self.displacements(state) if wanted.driven.any() else wanted.lengths
-        before = Condition(state.tensions, state.tip_wrench, lengths=lengths)
-        # Of the two quaternions of an orientation the nearer one.
-        base[3:] *= math.copysign(1.0, base[3:] @ given.base[3:])
-        if not (base == given.base).all():  # as rounding would move a base at rest
-            base += part * (given.base - base)
+            return inputs
+        target, current_before, base = inputs.condition, state.water[0], state.base.copy()
+        lengths = self.displacements(state) if target.driven.any() else target.lengths
+        initial = Condition(state.tensions, state.tip_wrench, lengths=lengths)
+        # Two quaternions have the same orientation; take the nearer one.
+        base[3:] *= math.copysign(1.0, base[3:] @ inputs.base[3:])
+        if not (base == inputs.base).all():  # else rounding would move a base at rest
+            base += part * (inputs.base - base)
             base[3:] /= np.linalg.norm(base[3:])
-        current = now + part * (given.current - now)
-        return CheckedInputs(before.towards(wanted, part), current, base)
+        current = current_before + part * (inputs.current - current_before)
+        return CheckedInputs(initial.towards(target, part), current, base)
 
-    def _one_step(self, state: MotionState, given: CheckedInputs, dt: float) -> MotionState:
+    def _one_step(self, state: MotionState, inputs: CheckedInputs, dt: float) -> MotionState:
         problem, (m, f, gamma, beta) = self.problem, self._rule
         z, (_, rate, bend, last_bend) = state.z, state.twist
         place, velocity, acceleration, own = state.place
         problem.place_base(state.base)
-        if state.dt != dt and (given.base == state.base).all():
-            # Rates of places and twists differ by the square of a step, much for a shorter one.
+        if state.dt != dt and (inputs.base == state.base).all():
+            # Rates of places and twists differ by the square of a step, too much for a short one.
             problem.orient(z)
             velocity, own = problem.velocities(place, rate), acceleration
-        # What the rule makes of the end of the step, x: a_1 = c x - a, and so on.
+        # Coefficients of the rule for the end of the step, x: a_1 = c x - a, and so on.
         c, ratio = 1.0 / (beta * dt * dt), (1.0 - m) / (1.0 - f)
-        lost = (0.5 - beta) / beta
+        carried = (0.5 - beta) / beta
 
         def before(x: FloatArray, x_rate: FloatArray, a: FloatArray) -> FloatArray:
-            return c * (x + dt * x_rate) + lost * a
+            return c * (x + dt * x_rate) + carried * a
 
         def to_rate(x_rate: FloatArray, a: FloatArray, own: FloatArray) -> FloatArray:
             return gamma * dt * a - x_rate - (1.0 - gamma) * dt * own
 
         a, a_z = before(place, velocity, own), before(z, rate, bend)
         water = np.empty((3, 3))
-        water[0] = given.current
-        water[2] = ((given.current - state.water[0]) / dt - (1 - gamma) * state.water[2]) / gamma
+        water[0] = inputs.current
+        water[2] = ((inputs.current - state.water[0]) / dt - (1 - gamma) * state.water[2]) / gamma
         water[1] = ((1 - m) * water[2] + m * state.water[2] - f * state.water[1]) / (1.0 - f)
         problem.rule = TimeRule(
             gamma * dt * c,
@@ -351,46 +352,46 @@ class Dynamics:
             to_rate(rate, a_z, bend),
             water[:2],
         )
-        problem.place_base(given.base)
+        problem.place_base(inputs.base)
         problem.reference = state.wrench.copy()  # a copy, as `MotionState.z` is
         guess, factors = z + dt * rate + 0.5 * dt * dt * bend, None
         if state.dt == dt:
             factors = state.factors
             guess += beta * dt * dt * (bend - last_bend)
         tolerance = TOLERANCE * max(1.0, (_ROUNDED / dt) ** 2)
-        wanted = given.condition._replace(before=state.history)
-        found, next_factors, iterations = self._balance(state, wanted, guess, factors, tolerance)
-        self._require(found, tolerance, iterations)
+        target = inputs.condition._replace(before=state.history)
+        balance, next_factors, iterations = self._balance(state, target, guess, factors, tolerance)
+        self._require(balance, tolerance, iterations)
         self._check_contact(state)
         rule, (place, velocity, acceleration, _) = problem.rule, problem.motion
-        rate = rule.by_velocity * found.z - rule.twist_rate
-        twist = np.array([found.z, rate, c * found.z - a_z, bend])
+        rate = rule.by_velocity * balance.z - rule.twist_rate
+        twist = np.array([balance.z, rate, c * balance.z - a_z, bend])
         places = np.array([place, velocity, acceleration, c * place - a])
         last = iterations, dt, next_factors
-        return self._state(state.time + dt, given.base, found, (twist, places, water), last)
+        return self._state(state.time + dt, inputs.base, balance, (twist, places, water), last)
 
     def _balance(
         self,
         state: MotionState,
-        wanted: Condition,
+        target: Condition,
         guess: FloatArray,
         factors: Linear | None,
         tolerance: float,
     ) -> tuple[State, Linear | None, int]:
-        if wanted.driven.any():
+        if target.driven.any():
             winches = self.winches
-            pulled = np.where(wanted.driven, state.tensions, wanted.tensions)
-            begun = winches.evaluate(wanted._replace(tensions=pulled), guess)
-            # Lengths count little beside the balance: the first step may leave any.
-            change, system = winches.step(begun, winches.linearise(begun, factors))
-            begun = winches.moved(begun, change, system)
-            found = newton(winches, begun, tolerance, system, rule=_RULE)
-            assert isinstance(found.factors, BorderedSystem)
-            return found.state, found.factors.factors, found.iterations
+            pulled = np.where(target.driven, state.tensions, target.tensions)
+            guess_state = winches.evaluate(target._replace(tensions=pulled), guess)
+            # Lengths have little weight beside the balance: the first step may have any residual.
+            change, system = winches.step(guess_state, winches.linearise(guess_state, factors))
+            guess_state = winches.moved(guess_state, change, system)
+            result = newton(winches, guess_state, tolerance, system, rule=_RULE)
+            assert isinstance(result.factors, BorderedSystem)
+            return result.state, result.factors.factors, result.iterations
         problem = self.problem
-        begun = problem.evaluate(problem.at_nodes(wanted), guess)
-        found = newton(problem, begun, tolerance, factors, rule=_RULE)
-        return found.state, found.factors, found.iterations
+        guess_state = problem.evaluate(problem.at_nodes(target), guess)
+        result = newton(problem, guess_state, tolerance, factors, rule=_RULE)
+        return result.state, result.factors, result.iterations
 
     def _require(self, state: State, tolerance: float = TOLERANCE, iterations: int = 0) -> None:
         if not state.residual <= tolerance:
@@ -398,43 +399,43 @@ class Dynamics:
         check_stretches(self.problem, state.z)
         self.problem.load_work(state)
 
-    def _check_contact(self, before: MotionState) -> None:
-        """Refuse the step to where `problem` is that goes into an obstacle, or through it."""
+    def _check_contact(self, last: MotionState) -> None:
+        """Refuse a step whose end is inside an obstacle, or on its other side."""
         contact = self.problem.contact
         if contact is None:
             return
         place = self.problem.motion.place[:, POSITION]
         contact.check_depths(place)
-        if contact.has_passed(before.place[0, :, POSITION], place):
+        if contact.has_passed(last.place[0, :, POSITION], place):
             raise SolveError('the arm went through an obstacle')
 
     def save(
         self, state: MotionState, path: Path, more: Mapping[str, FloatArray] | None = None
     ) -> None:
-        """Write a ``state``, and ``more`` arrays, to the file ``path``, see `save_state`."""
+        """Write a ``state``, and ``more`` arrays, to the file ``path``."""
         save_state(state, path, more or {})
 
     def load(self, path: Path) -> MotionState:
-        """The state in the file ``path``.
+        """Return the state in the file ``path``.
 
         Raises:
-            ConfigError: if it cannot be read, or is none of this arm or version.
+            ConfigError: if the file cannot be read, or is of another arm or version.
         """
         return load_state(path, self.problem)
 
     # Results -----------------------------------------------------------------------------------
 
     def displacements(self, state: MotionState) -> FloatArray:
-        """Length that winches have reeled in [m], (J,); of slack ones what makes them taut."""
+        """Return lengths that winches have reeled in, (J,) [m]; slack tendons as if just taut."""
         return self.winches.displacement(self.still(state))
 
     def tendon_lengths(self, state: MotionState) -> FloatArray:
-        """From the base to the anchorage [m], of `Arm.tension_shape`."""
+        """Return the tendons' lengths from base to anchorage [m], of `Arm.tension_shape`."""
         stretch = self.problem.tendons(self.still(state)).stretch
         return (self.nodes.weights @ stretch).reshape(self.solver.arm.tension_shape)
 
     def still(self, state: MotionState) -> State:
-        """The ``state`` as one of `problem`, at rest."""
+        """Return the ``state`` as one of `problem`, without its motion."""
         self._require_own(state)
         problem = self.problem
         problem.rule = problem.rest._replace(water=np.array([state.water[0], np.zeros(3)]))
@@ -443,7 +444,7 @@ class Dynamics:
         return problem.evaluate(problem.at_nodes(condition), state.z)
 
     def backbone(self, state: MotionState) -> Backbone:
-        """The shape at the stations of the solver."""
+        """Return the shape in a ``state`` at the stations of the solver."""
         self._require_own(state)
         problem, places = self.problem, self.places
         problem.place_base(state.base)
@@ -461,7 +462,7 @@ class Dynamics:
         )
 
     def contacts(self, state: MotionState) -> Contacts:
-        """How obstacles act on the arm."""
+        """Return penetrations and forces of the obstacles in a ``state``."""
         self._require_own(state)
         if self.problem.contact is None:
             return NONE
@@ -469,6 +470,6 @@ class Dynamics:
         return self.problem.contact.report(place[:, POSITION], node_motion(place, velocity))
 
     def velocities(self, state: MotionState) -> FloatArray:
-        """Of the stations in base_frame [m/s], (S, 3)."""
+        """Return the velocities of the stations in base_frame [m/s], (S, 3)."""
         self._require_own(state)
         return np.asarray(self.places.between @ state.place[1][:, POSITION])

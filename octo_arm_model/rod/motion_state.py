@@ -1,4 +1,4 @@
-"""What an arm in motion is given, and its state: a value that can be copied and saved."""
+"""The inputs and the state of a moving arm; states can be copied and saved."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,21 +16,21 @@ from octo_arm_model.rod.factors import Factors, Linear
 from octo_arm_model.rod.inertia import MovingProblem
 from octo_arm_model.rod.tables import COLUMNS
 
-_VERSION = 2  # of files of states
+_VERSION = 2  # version of the files of states
 _ARRAYS = 'twist', 'place', 'water', 'tensions', 'tip_wrench', 'base', 'wrench', 'base_wrench'
-_MOST_BYTES = 2**28  # of a file
+_MOST_BYTES = 2**28  # largest size of a file
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What acts on the arm at the end of a step; it changes linearly over the step.
+    """The inputs of an arm at the end of a step; they change linearly over the step.
 
     Attributes:
-        tensions: of the tendons at the base [N], of `Arm.tension_shape`.
-        displacements: length that winches have reeled in, by tendon name [m]; the tensions of
-            these do not count.
+        tensions: tensions of the tendons at the base [N], of `Arm.tension_shape`.
+        displacements: lengths that winches have reeled in, by tendon name [m]; the tensions of
+            these tendons are not used.
         tip_wrench: force and moment on the tip in base_frame, besides those of the loads, (6,)
-            [N, N m]; None for none.
+            [N, N m]; None for zero.
         current: velocity of the water [m/s]; None for that of `MotionProperties`.
         base: pose of the base; None for that of the solver.
     """
@@ -46,9 +46,9 @@ class CheckedInputs(NamedTuple):
     """Checked `Inputs` as arrays.
 
     Attributes:
-        condition: with the wrench of the loads on the tip.
-        current: (3,) [m/s].
-        base: position [m] and quaternion w, x, y, z, (7,).
+        condition: tensions, lengths and tip wrench, which includes that of the loads.
+        current: velocity of the water, (3,) [m/s].
+        base: position [m] and quaternion w, x, y, z of the base, (7,).
     """
 
     condition: Condition
@@ -58,28 +58,27 @@ class CheckedInputs(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MotionState:
-    """Where the arm is and how it moves: all that the next step depends on.
+    """The state of a moving arm, on which the next step depends.
 
-    Arrays are read-only; N nodes with m strains, places are positions from the base of the solver
-    and axes (N, 12).
+    Arrays are read-only. There are N nodes with m strains. Places are positions from the base of
+    the solver, and axes, (N, 12).
 
     Attributes:
-        time: [s].
+        time: time of the state [s].
         twist: twists, their rates, and accelerations of the rule after this step and the last one,
             (4, N, m).
         place: places, velocities, accelerations and accelerations of the rule, (4, N, 12).
         water: velocity of the water, its acceleration and that of the rule, (3, 3).
-        tensions: of the tendons at the base [N], (J,).
-        tip_wrench: with that of the loads, (6,) [N, N m].
-        base: position [m] and quaternion w, x, y, z, (7,).
-        wrench: largest along the arm, moment and force in the axes of sections, (m,) [N m, N].
-        base_wrench: force and moment of all loads about the base, inertia and water among them,
-            (6,) [N, N m].
+        tensions: tensions of the tendons at the base [N], (J,).
+        tip_wrench: wrench on the tip, which includes that of the loads, (6,) [N, N m].
+        base: position [m] and quaternion w, x, y, z of the base, (7,).
+        wrench: largest moment and force along the arm in the axes of sections, (m,) [N m, N].
+        base_wrench: wrench about the base of all loads, inertia and water, (6,) [N, N m].
         history: tensions at the points of friction [N], (M, J); None without friction.
-        residual: of the balance [-].
-        iterations: of the last step.
-        dt: last step [s]; 0 at rest.
-        factors: that the next step may begin with.
+        residual: residual of the balance [-].
+        iterations: number of iterations of the last step.
+        dt: size of the last step [s]; 0 at rest.
+        factors: factors that the next step may begin with.
     """
 
     time: float
@@ -99,13 +98,13 @@ class MotionState:
 
     @property
     def z(self) -> FloatArray:
-        """Twists (N, m); a copy, as numba compiles again for what is read-only."""
+        """Copy of the twists (N, m), as numba would compile again for a read-only array."""
         return self.twist[0].copy()
 
 
-def save_state(state: MotionState, path: Path, more: Mapping[str, FloatArray]) -> None:
-    """Write a ``state``, and ``more`` arrays, to ``path``: `load_state` restores it to the bit."""
-    arrays = {name: getattr(state, name) for name in _ARRAYS} | dict(more)
+def save_state(state: MotionState, path: Path, others: Mapping[str, FloatArray]) -> None:
+    """Write a ``state`` and other arrays to ``path``; `load_state` restores it exactly."""
+    arrays = {name: getattr(state, name) for name in _ARRAYS} | dict(others)
     arrays['numbers'] = np.array(
         [_VERSION, state.time, state.residual, state.iterations, state.dt]
     )
@@ -119,32 +118,32 @@ def save_state(state: MotionState, path: Path, more: Mapping[str, FloatArray]) -
 
 
 def load_state(path: Path, problem: MovingProblem) -> MotionState:
-    """The state in the file ``path``, of an arm of the equations ``problem``.
+    """Return the state in the file ``path`` of an arm with the equations ``problem``.
 
     Raises:
-        ConfigError: if it cannot be read, or is none of this arm or version.
+        ConfigError: if the file cannot be read, or is of another arm or version.
     """
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise ValueError(f'it has more than {_MOST_BYTES} bytes')
         with np.load(path, allow_pickle=False) as file:
-            given = {name: file[name] for name in file.files}
+            arrays = {name: file[name] for name in file.files}
     except Exception as error:
         # Damaged files make zipfile and NumPy raise errors of many types, MemoryError too.
         raise ConfigError(f'{path} cannot be read as a state: {error}') from None
-    _check(given, path, problem)
-    version, time, residual, iterations, dt = given['numbers'].tolist()
+    _check(arrays, path, problem)
+    version, time, residual, iterations, dt = arrays['numbers'].tolist()
     if version != _VERSION:
         raise ConfigError(f'{path} is of version {version:g}, expected {_VERSION}')
     factors: Linear | None = None
-    if 'factors' in given:
-        lu = np.asfortranarray(given['factors'])
-        factors = Factors(lu, given['pivots'].astype(np.int32), int(given['sign']))
-    values = {name: given[name] for name in _ARRAYS}
+    if 'factors' in arrays:
+        lu = np.asfortranarray(arrays['factors'])
+        factors = Factors(lu, arrays['pivots'].astype(np.int32), int(arrays['sign']))
+    values = {name: arrays[name] for name in _ARRAYS}
     return MotionState(
         time,
         **values,
-        history=given.get('history'),
+        history=arrays.get('history'),
         residual=residual,
         iterations=int(iterations),
         dt=dt,
@@ -152,7 +151,7 @@ def load_state(path: Path, problem: MovingProblem) -> MotionState:
     )
 
 
-def _check(given: dict[str, FloatArray], path: Path, problem: MovingProblem) -> None:
+def _check(arrays: dict[str, FloatArray], path: Path, problem: MovingProblem) -> None:
     nodes, strains, count = problem.elements.s.size, problem.strains, problem.tables.friction.size
     shapes: dict[str, tuple[int, ...]] = {
         'numbers': (5,),
@@ -168,15 +167,15 @@ def _check(given: dict[str, FloatArray], path: Path, problem: MovingProblem) -> 
     if problem.friction is not None:
         shapes['history'] = (problem.friction.fine.s.size, count)
     size = nodes * strains
-    if 'factors' in given:
+    if 'factors' in arrays:
         shapes |= {'factors': (size, size), 'pivots': (size,), 'sign': ()}
     for name, shape in shapes.items():
-        array = given.get(name)
+        array = arrays.get(name)
         if array is None or array.shape != shape or array.dtype.kind not in 'fi':
-            found = 'missing' if array is None else f'{array.dtype} {array.shape}'
-            raise ConfigError(f'{path}: {name} is {found}, expected numbers {shape}')
+            description = 'missing' if array is None else f'{array.dtype} {array.shape}'
+            raise ConfigError(f'{path}: {name} is {description}, expected numbers {shape}')
         if not np.isfinite(array).all():
             raise ConfigError(f'{path}: {name} is not finite')
         array.setflags(write=False)
-    if 'factors' in given and not (0 <= given['pivots'].min() <= given['pivots'].max() < size):
+    if 'factors' in arrays and not (0 <= arrays['pivots'].min() <= arrays['pivots'].max() < size):
         raise ConfigError(f'{path}: pivots are out of range, expected 0 to {size - 1}')

@@ -1,4 +1,4 @@
-"""The node function of the paper's models as loops for numba; `arrays` for NumPy."""
+"""The node function of the paper's models as loops for numba; `arrays` has it for NumPy."""
 
 import numpy as np
 
@@ -26,29 +26,29 @@ def _four(a: FloatArray, i: int) -> tuple[float, float, float, float]:
 def paper_twists(
     tables: PaperTables, sums: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Twists of cross sections that balance their tendons as in the paper, see `papers`.
+    """Return the twists of cross sections by one of the paper's models, see `papers`.
 
-    From ``sums`` (A, 7, P) over the tendons of A arms at P places. Where moments are not in
-    balance, equation (10) is swept until its solution changes by less than ``tolerance`` times
-    the largest moment in the arm.
+    The ``sums`` (A, 7, P) are over the tendons of A arms at P places. Equation (10), if any, is
+    swept until its solution changes by less than ``tolerance`` times the largest moment in the
+    arm.
 
     Returns:
-        Twists (A, P, 4), and of each arm that change, the most sweeps in an element, and the
-        element that did not converge, or -1, (A, 3).
+        Twists (A, P, 4); and for each arm the last change, the largest number of sweeps in an
+        element, and an element that did not converge, or -1, (A, 3).
     """
     arms, places = sums.shape[0], sums.shape[2]
     twist, outcome, p = np.empty((arms, places, 4)), np.zeros((arms, 3)), np.zeros((3, places))
     stiffness = tables.stiffness
     for arm in range(arms):
         outcome[arm, 2] = -1.0
-        own = sums[arm]
+        arm_sums = sums[arm]
         p[:] = tables.rest
         if tables.swept:
-            _imbalances(tables, own, tolerance, p, outcome[arm])
+            _imbalances(tables, arm_sums, tolerance, p, outcome[arm])
         for i in range(places):
-            found = _twist(_seven(own, i), _four(stiffness, i), (p[0, i], p[1, i], p[2, i]))
+            strains = _twist(_seven(arm_sums, i), _four(stiffness, i), (p[0, i], p[1, i], p[2, i]))
             for c in range(4):
-                twist[arm, i, c] = found[c]
+                twist[arm, i, c] = strains[c]
     return twist, outcome
 
 
@@ -56,21 +56,21 @@ def paper_twists(
 def _imbalances(
     tables: PaperTables, sums: FloatArray, tolerance: float, p: FloatArray, outcome: FloatArray
 ) -> None:
-    """Fill in the imbalance p (3, P) [N m] of one arm at nodes and stations."""
+    """Compute the imbalance p (3, P) [N m] of one arm at nodes and stations."""
     points, stations = tables.backwards.shape[1], tables.stations
     largest = 1e-300
     for i in range(stations.between.shape[1]):
         largest = max(largest, abs(sums[1, i]), abs(sums[2, i]))
-    end, room, slopes = np.zeros(3), np.empty((3, points + 1)), np.empty((7, points))
+    end, solution, slopes = np.zeros(3), np.empty((3, points + 1)), np.empty((7, points))
     for e in range(tables.swept - 1, -1, -1):
-        at, first = tables.anchorage[e], e * points
-        if at >= 0:
-            _cross_anchorage(tables.stiffness, sums, at, end)
+        place, first = tables.anchorage[e], e * points
+        if place >= 0:
+            _cross_anchorage(tables.stiffness, sums, place, end)
         for i in range(points):
-            found = _slope(_four(tables.stiffness, first + i), _seven(sums, first + i))
+            coefficients = _slope(_four(tables.stiffness, first + i), _seven(sums, first + i))
             for c in range(7):
-                slopes[c, i] = found[c]
-        change, count = _sweep(tables, e, slopes, tolerance * largest, end, room)
+                slopes[c, i] = coefficients[c]
+        change, count = _sweep(tables, e, slopes, tolerance * largest, end, solution)
         if outcome[2] < 0.0 and not change <= tolerance * largest:
             outcome[2] = e
         if not change / largest <= outcome[0]:
@@ -78,24 +78,24 @@ def _imbalances(
         outcome[1] = max(outcome[1], count)
         for c in range(3):
             for i in range(points):
-                p[c, first + i] = room[c, i]
-            end[c] = room[c, points]
+                p[c, first + i] = solution[c, i]
+            end[c] = solution[c, points]
     nodes = stations.between.shape[1]
-    for at in range(stations.element.size):
-        first = stations.element[at] * points
+    for place in range(stations.element.size):
+        first = stations.element[place] * points
         for c in range(3):
             value = 0.0
             if first < tables.swept * points:
                 for i in range(first, first + points):
-                    value += stations.between[at, i] * p[c, i]
-            p[c, nodes + at] = value
+                    value += stations.between[place, i] * p[c, i]
+            p[c, nodes + place] = value
 
 
 @helper
-def _cross_anchorage(stiffness: FloatArray, sums: FloatArray, at: int, p: FloatArray) -> None:
-    """Imbalance at the side of an anchorage to the base, the place ``at``, from that beyond it."""
-    k = _four(stiffness, at)
-    (f, d), (f_tip, d_tip) = _moments(_seven(sums, at)), _moments(_seven(sums, at + 1))
+def _cross_anchorage(stiffness: FloatArray, sums: FloatArray, place: int, p: FloatArray) -> None:
+    """Replace the imbalance p (3,) beyond an anchorage by that on its side to the base."""
+    k = _four(stiffness, place)
+    (f, d), (f_tip, d_tip) = _moments(_seven(sums, place)), _moments(_seven(sums, place + 1))
     for c in range(3):
         p[c] = _jump(k[1 if c == 0 else 2], (f[c], d[c]), (f_tip[c], d_tip[c]), p[c])
 
@@ -104,9 +104,9 @@ def _cross_anchorage(stiffness: FloatArray, sums: FloatArray, at: int, p: FloatA
 def _sweep(
     tables: PaperTables, e: int, slopes: FloatArray, allowed: float, end: FloatArray, p: FloatArray
 ) -> tuple[float, int]:
-    """Imbalance p (3, p + 1) of an element from that at its end; its last change and sweeps."""
+    """Compute the imbalance p (3, p + 1) of an element from its end; return change and sweeps."""
     points = slopes.shape[1]
-    rate, aside = np.empty(points), np.empty((2, points))
+    rate, lateral = np.empty(points), np.empty((2, points))
     for c in range(3):
         p[c] = end[c]
     change, count = np.inf, 0
@@ -117,12 +117,12 @@ def _sweep(
             rate[i] = (slopes[2, i] * b + slopes[1, i]) * n - slopes[0, i] * b
         change = _integrate_back(tables, e, rate, end[0], p[0])
         for i in range(points):
-            aside[0, i] = (slopes[5, i] * p[2, i] + slopes[3, i]) * p[0, i]
-            aside[1, i] = (slopes[6, i] * p[1, i] + slopes[4, i]) * p[0, i]
+            lateral[0, i] = (slopes[5, i] * p[2, i] + slopes[3, i]) * p[0, i]
+            lateral[1, i] = (slopes[6, i] * p[1, i] + slopes[4, i]) * p[0, i]
         for c in range(2):
-            moved = _integrate_back(tables, e, aside[c], end[1 + c], p[1 + c])
-            if not moved <= change:
-                change = moved
+            step = _integrate_back(tables, e, lateral[c], end[1 + c], p[1 + c])
+            if not step <= change:
+                change = step
     return change, count
 
 
@@ -130,15 +130,15 @@ def _sweep(
 def _integrate_back(
     tables: PaperTables, e: int, rate: FloatArray, end: float, p: FloatArray
 ) -> float:
-    """``p`` (p + 1,) from its ``rate`` at the points of an element and its ``end``; the change."""
+    """Integrate the ``rate`` (p,) of ``p`` (p + 1,) back from its ``end``; return the change."""
     change = 0.0
     for i in range(p.size):
         value = 0.0
         for k in range(rate.size):
             value += tables.backwards[i, k] * rate[k]
         value = end - tables.lengths[e] * value
-        moved = abs(value - p[i])
-        if not moved <= change:
-            change = moved
+        step = abs(value - p[i])
+        if not step <= change:
+            change = step
         p[i] = value
     return change

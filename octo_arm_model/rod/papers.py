@@ -1,4 +1,4 @@
-"""The paper's two models, whose sections carry moments of their tendons alone; linear, no loads.
+"""The paper's two models: linear material, no loads, and only the moments of the tendons.
 
 With tendon j at the offset (r_n, r_b) in the axes of a cross section, tensions T enter by sums
 over the tendons that act there,
@@ -12,24 +12,24 @@ alpha = n and beta = -b; the last two vanish. The moment of the tendons is M = F
 
     F = (-torque, -b, n)    D = [[nn + bb, 0, 0], [0, bb, -mixed], [0, -mixed, nn]]
 
-linear in the strains omega = (tau, xi, k), and K (omega - omega at rest) that of the section, with
-K = diag(GI, EJ_n, EJ_b).
+linear in the strains omega = (tau, xi, k). The elastic moment of the section is
+K (omega - omega at rest) with K = diag(GI, EJ_n, EJ_b).
 
-`closed_form` is the balance (8a) with (3a), K omega = M, at every s by itself: a linear system,
+`closed_form` is the balance (8a) with (3a), K omega = M, separately at every s: a linear system,
 symmetric positive definite for tensions that are not negative.
 
-`renda2012` is the model as published, (10), (11) and (12), from the tip to the base, of circles
-that are straight at rest, for which alone the paper states (10). The imbalance
+`renda2012` is the model as published, (10), (11) and (12), from the tip to the base. The paper
+states (10) only for circular sections that are straight at rest. The imbalance
 p = K omega - M, with which omega = C (F + p) and C = (K + D)^-1, is not zero there: (10) is
-p' = omega x M, or, as everything without p cancels, with (0, xi_0, k_0) = C F,
+p' = omega x M. All terms without p cancel, so that with (0, xi_0, k_0) = C F
 
     p_t' = k_0 p_n - xi_0 p_b + (B1 - A1) C_n C_b p_n p_b
     p_n' = -p_t (c k_0 + B1 C_t C_b p_b)
     p_b' = +p_t (c xi_0 + A1 C_t C_n p_n)        c = (EJ + A1 + B1) C_t
 
-At an anchorage (11) adds to omega what the tendons that end there would bend the arm by alone,
-their C F. p is zero from the tip to the second anchorage, and smooth in every element, where it is
-collocated at the nodes and swept until it converges (Picard iteration, Clenshaw and Norton 1963).
+At an anchorage (11) adds to omega the bending by the tendons that end there alone, their C F. p is
+zero from the tip to the second anchorage, and smooth in every element. There it is collocated at
+the nodes and swept until it converges (Picard iteration, Clenshaw and Norton 1963).
 
 Both have (9a), q = N / (E A) with N = k n - xi b - pull.
 """
@@ -70,47 +70,47 @@ from octo_arm_model.rod.tables import AXIAL, PaperTables, allowed_between, place
 from octo_arm_model.rod.winch_equations import BorderedSystem, RodWinchEquations
 from octo_arm_model.rod.winches import Winches
 
-# Sweeps stop when p changes by less than this part of the largest moment in the arm, which leaves
-# an error ten times smaller, as each gains more than one digit by then.
+# Sweeps stop when p changes by less than this fraction of the largest moment in the arm. The error
+# is ten times smaller, as each sweep gains more than one digit by then.
 TOLERANCE = 5e-8
-# With derivatives, which are imaginary parts of about 1e-6 of the real ones.
+# The same with derivatives, which are imaginary parts of about 1e-6 of the real ones.
 _OF_DERIVATIVES = 1e-13
-_ROUNDING = 1e-14  # of products of offsets
+_ROUNDING = 1e-14  # relative rounding error of products of offsets
 
 
 class PaperEquations:
-    """One of the paper's models at the N nodes of a problem and at S stations.
+    """The equations of one of the paper's models at the N nodes of a problem and at S stations.
 
-    Strains depend on tensions and E through their ratio alone, and analytically on the tensions.
+    Strains depend on the ratio of tensions to E alone, and analytically on the tensions.
 
     Attributes:
-        problem: the nodes.
+        problem: the problem, with the nodes.
         s: arc coordinates of nodes and stations [m], (N + S,).
-        tables: the arm at these.
+        tables: the tables of the arm at these.
     """
 
     def __init__(self, arm: Arm, problem: Problem, s: FloatArray, *, is_published: bool) -> None:
-        """Of ``arm`` at the nodes of ``problem`` and at stations ``s`` (S,) [m].
+        """Tabulate an ``arm`` at the nodes of ``problem`` and at stations ``s`` (S,) [m].
 
-        Where ``is_published`` of `renda2012`, else of `closed_form`.
+        The model is `renda2012` if ``is_published``, else `closed_form`.
         """
         self.problem, self.s = problem, np.concatenate([problem.elements.s, s])
         self.tables = tabulate_paper(arm, problem.elements, s, is_published=is_published)
 
     def solve(self, tensions: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Twists under ``tensions`` (A, J), or at every node and station (A, N + S, J) [N].
+        """Return twists under ``tensions`` (A, J), or at all nodes and stations (A, N + S, J) [N].
 
-        (1 + q) (tau, xi, k) [1/m] and 1 + q [-] at nodes and stations first, (A, P, 4), and
-        relative residuals and iterations, (A,). Complex tensions give derivatives as imaginary
-        parts.
+        These are (1 + q) (tau, xi, k) [1/m] and 1 + q [-], (A, P, 4), at nodes and stations first.
+        Also return relative residuals and iterations, (A,). Imaginary parts of tensions give
+        derivatives.
 
         Raises:
-            ConvergenceError: if equation (10) was not solved.
+            ConvergenceError: if the sweeps of equation (10) do not converge.
         """
         is_real, moments = not np.iscomplexobj(tensions), self.tables.moments
         if tensions.ndim == 2:
-            # Row by row, as BLAS rounds several together otherwise: an arm of a batch is then that
-            # of a single solve.
+            # BLAS rounds several rows together in another way. Row by row, an arm of a batch has
+            # the result of a single solve.
             rows = tensions[:, np.newaxis] @ moments.reshape(len(moments), -1)
             sums = rows.reshape(len(tensions), *moments.shape[1:])
         else:
@@ -129,9 +129,9 @@ class PaperEquations:
 def tabulate_paper(
     arm: Arm, elements: Elements, s: FloatArray, *, is_published: bool
 ) -> PaperTables:
-    """Tables of ``arm`` at the nodes of ``elements`` and stations ``s`` (S,) [m].
+    """Return the tables of ``arm`` at the nodes of ``elements`` and stations ``s`` (S,) [m].
 
-    With equation (10) between nodes where ``is_published``.
+    They have equation (10) between nodes if ``is_published``.
     """
     stations, nodes = places_at(elements, s), elements.s.size
     # Sections are numbered from the tip.
@@ -157,26 +157,26 @@ def tabulate_paper(
 
 
 def tendon_moments(arm: Arm, s: FloatArray, section: IntArray) -> FloatArray:
-    """From tensions to their sums at ``s`` (P,) [m], each in its ``section`` (P,): (J, 7, P).
+    """Return the matrix from tensions to their sums at ``s`` (P,) [m], (J, 7, P).
 
-    In the section numbered i from the tip the tendons of sections 1 to i act.
+    In the ``section`` i (P,), counted from the tip, the tendons of sections 1 to i act.
     """
     n, b, slope_n, slope_b = arm.tendon_paths(s)
     largest = float(np.hypot(n, b).max())
     mixed, torque = n * b, n * slope_b - b * slope_n
-    # Not by rounding only: straight tendons along n and b do not twist the arm.
+    # Rounding errors are removed, as straight tendons along n and b do not twist the arm.
     mixed[np.abs(mixed) <= _ROUNDING * largest**2] = 0.0
     torque[np.abs(torque) <= _ROUNDING * largest] = 0.0
-    found = np.stack([np.ones_like(n), n, b, n * n, b * b, mixed, torque], axis=1)
-    found *= (arm.tendon_section[:, np.newaxis] <= section)[:, np.newaxis]
-    return found
+    moments = np.stack([np.ones_like(n), n, b, n * n, b * b, mixed, torque], axis=1)
+    moments *= (arm.tendon_section[:, np.newaxis] <= section)[:, np.newaxis]
+    return moments
 
 
 def check_is_papers(arm: Arm) -> None:
     """Check that the paper's equations cover ``arm``.
 
     Raises:
-        ConfigError: if they do not; the message says what.
+        ConfigError: if they do not; the message says which property they do not cover.
     """
     problem = ''
     if not isinstance(arm.body, Body):
@@ -203,27 +203,27 @@ def check_is_papers(arm: Arm) -> None:
 
 # On a rod ----------------------------------------------------------------------------------------
 
-# With a history strains have kinks, by which the estimated error of positions is too small: it has
-# to be so much smaller.
+# With a history strains have kinks, which make the estimated error of positions too small. So the
+# allowed error is smaller by this factor.
 _OF_HISTORY = 1e-4
-_OF_FRICTION = 0.1  # likewise with friction from slack
-_MOST_STEPS = 100  # of tensions with friction
-_SETTLED = 1e-13  # change of these, over the largest tension
+_OF_FRICTION = 0.1  # the factor with friction from slack tendons
+_MOST_STEPS = 100  # largest number of iterations of tensions with friction
+_SETTLED = 1e-13  # last change of these tensions, over the largest one
 
 
 class Papers(Statics):
     """One of the paper's models on a rod."""
 
     def __init__(self, setup: Setup, *, is_published: bool) -> None:
-        """Tabulate `renda2012` where ``is_published``, else `closed_form`.
+        """Prepare `renda2012` if ``is_published``, else `closed_form`.
 
         Raises:
-            ConfigError: if it does not cover the arm.
+            ConfigError: if the model does not cover the arm.
         """
         super().__init__(setup)
         arm = setup.arm
-        for name, given in (('sheath_stiffness', arm.sheath_stiffness), ('discs', arm.discs.s)):
-            if given:
+        for name, value in (('sheath_stiffness', arm.sheath_stiffness), ('discs', arm.discs.s)):
+            if value:
                 raise ConfigError(
                     f"tendons.{name} goes with model exact: in the paper's models the body leads "
                     'tendons all along, in their places'
@@ -245,186 +245,185 @@ class Papers(Statics):
         )
 
     def problem(self, level: int) -> Problem:
-        """See `Statics`."""
+        """Return the problem at the nodes of a ``level``."""
         return self._at(level).problem
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
-    def solve(self, wanted: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
-        """See `Statics`; neither ``start`` nor ``spending`` matters.
+    def solve(self, target: Condition, start: Equilibrium | None, spending: Spending) -> Shape:
+        """Return the shape in the ``target`` condition; ``start`` and ``spending`` are not used.
 
         Raises:
             SolveError: if a cross section is compressed to nothing (1 + q <= 0), or the nodes do
                 not resolve the strains.
         """
-        number = self.rod.first_level(None, wanted)
+        level = self.rod.first_level(None, target)
         while True:
             try:
-                shape, error = self.shape(number, wanted)
+                shape, error = self.shape(level, target)
             except ConvergenceError:
-                if self.rod.is_last(number):
+                if self.rod.is_last(level):
                     raise
             else:
-                if self.is_resolved(number, wanted, error):
+                if self.is_resolved(level, target, error):
                     return shape
-            number += 1
+            level += 1
 
-    def is_resolved(self, number: int, wanted: Condition, error: float) -> bool:
-        """Whether an ``error`` of positions, over the length, is small enough on a level.
+    def is_resolved(self, level: int, target: Condition, error: float) -> bool:
+        """Return whether an ``error`` of positions, over the length, is small enough.
 
         Raises:
             SolveError: if it is not, and there is no finer level.
         """
         accuracy = self._setup.accuracy
-        allowed = allowed_between(accuracy) if wanted.before is None else _OF_HISTORY * accuracy
-        if self._setup.arm.friction and wanted.before is None:
+        allowed = allowed_between(accuracy) if target.before is None else _OF_HISTORY * accuracy
+        if self._setup.arm.friction and target.before is None:
             allowed *= _OF_FRICTION
-        if error > allowed and self.rod.is_last(number):
-            require_resolved(self.problem(number), error, max(accuracy, WORST))
+        if error > allowed and self.rod.is_last(level):
+            require_resolved(self.problem(level), error, max(accuracy, WORST))
             return True
         return error <= allowed
 
-    def shape(self, number: int, wanted: Condition) -> tuple[Shape, float]:
-        """The arm on a level, and the estimated error of positions over its length."""
-        level = self._at(number)
-        problem, places, along = level.problem, level.tables.stations, None
+    def shape(self, level_number: int, target: Condition) -> tuple[Shape, float]:
+        """Return the shape on a level, and the estimated error of positions over its length."""
+        equations = self._at(level_number)
+        problem, places, along = equations.problem, equations.tables.stations, None
         nodes = problem.elements.s.size
         if problem.friction is None:
-            (twist,), residual, iterations = level.solve(wanted.tensions[np.newaxis])
-            local = np.empty((nodes, wanted.tensions.size))
-            local[:] = wanted.tensions
+            (twist,), residual, iterations = equations.solve(target.tensions[np.newaxis])
+            node_tensions = np.empty((nodes, target.tensions.size))
+            node_tensions[:] = target.tensions
         else:
-            wanted = self.rod.at_level(wanted, number)
-            (twist,), residual, iterations, local, along = self._slide(level, wanted)
-        check_compression(level.s, twist[: level.s.size, 3])
-        z, nothing = twist[:nodes], np.zeros((nodes, 4))
+            target = self.rod.at_level(target, level_number)
+            (twist,), residual, iterations, node_tensions, along = self._slide(equations, target)
+        check_compression(equations.s, twist[: equations.s.size, 3])
+        z, imbalance = twist[:nodes], np.zeros((nodes, 4))
         problem.orient(z)
         position, quaternion, error = problem.form.poses(problem.tables, z, places, problem.work)
         dead = np.zeros((2, nodes, 3))
-        at_nodes = NodeCondition(wanted, local, dead[0], dead[1], dead)
-        state = State(at_nodes, z, nothing, float(residual[0]))
-        equilibrium = Equilibrium(state, number, None, None, int(iterations[0]))
-        strains = strains_of(twist[nodes : level.s.size])
+        at_nodes = NodeCondition(target, node_tensions, dead[0], dead[1], dead)
+        state = State(at_nodes, z, imbalance, float(residual[0]))
+        equilibrium = Equilibrium(state, level_number, None, None, int(iterations[0]))
+        strains = strains_of(twist[nodes : equations.s.size])
         position += self._setup.base[0]
         return Shape(position[0], quaternion[0], strains, along, equilibrium), float(error[0])
 
     def wind(
-        self, wanted: Condition, start: Equilibrium | None, spending: Spending
+        self, target: Condition, start: Equilibrium | None, spending: Spending
     ) -> tuple[Shape, FloatArray]:
-        """See `Statics`."""
+        """Return the shape in the ``target`` condition with winches, and the lengths reeled in."""
         if start is not None:
             tensions = start.state.condition.tensions
-            begun = wanted._replace(tensions=np.where(wanted.driven, tensions, wanted.tensions))
-            start = self.shape(self.rod.first_level(None, begun), begun)[0].equilibrium
-        found = self._winches.solve(wanted, start, spending)
-        wanted = wanted._replace(tensions=found.state.condition.tensions)
-        return self.shape(found.level, wanted)[0], found.state.reeled
+            initial = target._replace(tensions=np.where(target.driven, tensions, target.tensions))
+            start = self.shape(self.rod.first_level(None, initial), initial)[0].equilibrium
+        result = self._winches.solve(target, start, spending)
+        target = target._replace(tensions=result.state.condition.tensions)
+        return self.shape(result.level, target)[0], result.state.reeled
 
     @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def _solve_at_once(
         self, level: int, tensions: FloatArray, numbers: IntArray, shapes: Shapes
     ) -> NDArray[np.bool_]:
-        """See `Statics`."""
-        own = self._at(level)
+        """Write the ``shapes`` under ``tensions`` (A, J) [N], and return which are valid, (A,)."""
+        equations = self._at(level)
         try:
-            twist, residual, iterations = own.solve(tensions)
+            twist, residual, iterations = equations.solve(tensions)
         except ConvergenceError:
             return np.zeros(len(tensions), np.bool_)
-        nodes, places = own.problem.elements.s.size, own.tables.stations
-        twist = twist[:, : own.s.size]
+        nodes, places = equations.problem.elements.s.size, equations.tables.stations
+        twist = twist[:, : equations.s.size]
         z = twist[:, :nodes].reshape(-1, 4)
-        fine = self._write(self._batches(level, len(tensions)), z, places, numbers, shapes)
+        is_valid = self._write(self._batches(level, len(tensions)), z, places, numbers, shapes)
         shapes.strains[:, numbers] = strains_of(twist[:, nodes:])
         shapes.residual[numbers], shapes.iterations[numbers] = residual, iterations
-        return fine & (twist[..., 3].min(axis=1) > 0.0)
+        return is_valid & (twist[..., 3].min(axis=1) > 0.0)
 
     def _slide(
-        self, level: PaperEquations, wanted: Condition
+        self, level: PaperEquations, target: Condition
     ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray, FloatArray]:
-        """As `PaperEquations.solve`, and tensions with friction at nodes and stations, (n, J) [N].
+        """Solve for twists and for tensions with friction at nodes and at stations, (n, J) [N].
 
-        Iterated, which converges as a node is bent by what is before it.
+        The iteration converges, as friction depends on the bends nearer to the base alone.
         """
         problem, friction, s = level.problem, level.problem.friction, self._setup.s
         assert friction is not None
-        tensions, before, tables = wanted.tensions, wanted.before, problem.tables
+        tensions, past, tables = target.tensions, target.before, problem.tables
         base = tensions * (self._setup.arm.tendon_section <= self._setup.section[:, np.newaxis])
-        held = np.zeros_like(base)
-        if before is not None:
-            held = friction.fine.interpolation(s) @ before
+        past_tensions = np.zeros_like(base)
+        if past is not None:
+            past_tensions = friction.fine.interpolation(s) @ past
         local, at_stations = tensions * tables.reach, base
         for steps in range(1, _MOST_STEPS):
-            both = np.concatenate([local, at_stations])[np.newaxis]
-            twist, residual, _ = level.solve(both)
-            found = friction.hold_along(twist[0, : len(local)], tensions, before, problem.work)
-            loss = tables.friction * (level.tables.stations.between @ found.angle)
+            everywhere = np.concatenate([local, at_stations])[np.newaxis]
+            twist, residual, _ = level.solve(everywhere)
+            held = friction.hold_along(twist[0, : len(local)], tensions, past, problem.work)
+            loss = tables.friction * (level.tables.stations.between @ held.angle)
             loss[0] = 0.0
-            at_stations = Band.of(base, loss, held).tensions
-            change = float(np.abs(found.tensions - local).max())
-            local = found.tensions
+            at_stations = Band.of(base, loss, past_tensions).tensions
+            change = float(np.abs(held.tensions - local).max())
+            local = held.tensions
             if change <= _SETTLED * float(tensions.max()):
                 return twist, 0.0 * residual, np.array([steps]), local, at_stations
         raise ConvergenceError('the tension of tendons with friction', change, _MOST_STEPS)
 
-    def sensitivity(self, found: Equilibrium) -> Sensitivity:
-        """By tensions, E and friction alone."""
-        return self.derivatives(found.level, found.state)
+    def sensitivity(self, equilibrium: Equilibrium) -> Sensitivity:
+        """Return the derivatives of the ``equilibrium`` by tensions, E and friction."""
+        return self.derivatives(equilibrium.level, equilibrium.state)
 
     def derivatives(
         self, level: int, state: State, rates: FloatArray | None = None
     ) -> Sensitivity:
-        """Of a ``state`` on a ``level``, with ``rates`` as of the function `sensitivity`."""
+        """Return the sensitivity of a ``state``, by ``rates`` (N, J) of local tensions, if any."""
         return sensitivity(self._at(level), state, self._setup.arm.tendon_names, rates)
 
 
 class _PaperWinchEquations(RodWinchEquations):
-    """An arm whose winches are known by its tensions alone, of which all else follows."""
+    """The equations of an arm with winches, whose only unknowns are its tensions."""
 
     def __init__(self, model: Papers, level: int) -> None:
-        """Of a ``model`` on a ``level``."""
+        """Prepare the equations of a ``model`` on a ``level``."""
         super().__init__(model.rod, level, model.problem(level))
         self._model = model
 
     def balance(self, condition: Condition, z: FloatArray) -> State:
-        """See `WinchEquations`."""
+        """Return the state in a ``condition``, whatever the twists ``z``."""
         return self.unloaded(condition)
 
     def unloaded(self, condition: Condition) -> State:
-        """See `WinchEquations`."""
+        """Return the state in a ``condition``."""
         return self._model.shape(self._level, condition)[0].equilibrium.state
 
     def is_resolved(self, state: State) -> bool:
-        """See `WinchEquations`."""
-        wanted = state.condition
-        error = self._model.shape(self._level, wanted)[1]
-        return self._model.is_resolved(self._level, wanted, error)
+        """Return whether the nodes resolve the shape in the condition of a ``state``."""
+        condition = state.condition
+        error = self._model.shape(self._level, condition)[1]
+        return self._model.is_resolved(self._level, condition, error)
 
     def linearise(
         self, state: State, factors: Linear | None = None, rates: FloatArray | None = None
     ) -> BorderedSystem:
-        """See `WinchEquations`."""
+        """Return the system of the tensions alone, linearised at a ``state``."""
         rates = self.rates(state) if rates is None else rates
         change = self._model.derivatives(self._level, state, rates).by_tension
         mean = change.tendon_tension
-        felt = np.eye(len(rates.T)) if mean is None else mean
-        integrals = self._unloaded[:, np.newaxis] * felt
+        mean_tension = np.eye(len(rates.T)) if mean is None else mean
+        integrals = self._unloaded[:, np.newaxis] * mean_tension
         changes = self._arm.stretched(integrals.T).T + np.diag(self._free) - change.tendon_length
-        none, (nodes, strains) = np.zeros((state.z.size, len(felt))), state.z.shape
-        held = BlockFactors(np.zeros((nodes, strains, strains)))
-        return BorderedSystem(state.z, held, none, none.T, changes, rates, rates, None)
+        zeros, (nodes, strains) = np.zeros((state.z.size, len(mean_tension))), state.z.shape
+        blocks = BlockFactors(np.zeros((nodes, strains, strains)))
+        return BorderedSystem(state.z, blocks, zeros, zeros.T, changes, rates, rates, None)
 
 
 def sensitivity(
     level: PaperEquations, state: State, names: tuple[str, ...], rates: FloatArray | None = None
 ) -> Sensitivity:
-    """By tensions, E and friction, of the ``state`` on a ``level``; ``names`` of the tendons.
+    """Return the derivatives of a ``state`` by tensions, E and friction.
 
-    With derivatives ``rates`` (N, J) of local tensions by those at the base, if given, where
-    tendons may stick.
+    The ``names`` are those of the tendons. If tendons may stick, ``rates`` (N, J) are derivatives
+    of local tensions by those at the base.
 
-    With one tension perturbed by a small imaginary step, the imaginary part of the strains over
-    the step is the derivative (Squire and Trapp 1998), without cancellation; the step only has to
-    exceed the tolerance of the sweeps of renda2012. Scaling E is equivalent to dividing all
-    tensions by the same factor.
+    One tension is perturbed by a small imaginary step. The imaginary part of the strains over the
+    step is the derivative, without cancellation (Squire and Trapp 1998). The step has to exceed
+    the tolerance of the sweeps. Scaling E is equivalent to dividing all tensions by the factor.
     """
     problem, tensions = level.problem, state.condition.tensions
     places = level.tables.stations
@@ -466,36 +465,36 @@ def _with_friction(
     names: tuple[str, ...],
     rates: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Changes of tensions by those at the base, E and mu, at nodes and stations, (n, J, 2 J + 1).
+    """Return derivatives of tensions by those at the base, E and mu, (n, J, 2 J + 1).
 
-    As if tensions fell where E rises, which bends the arm as much less; those of the tensions
-    themselves at the nodes are returned second. From changes of z ``by_local`` (N, 4, J) tensions
-    at the same node, with ``rates`` as of `sensitivity`; refused as by `TensionDerivatives`.
+    The first ones are at nodes and stations, with tensions divided by E; the second ones are those
+    of the tensions themselves at the nodes. ``by_local`` (N, 4, J) are the derivatives of z by
+    tensions at the same node, and ``rates`` are those of `sensitivity`.
     """
     problem, base = level.problem, state.condition.tensions
     nodes, tendons = state.at_nodes.tensions.shape
-    derivatives, own = problem.tension_derivatives(state), np.arange(tendons)
+    derivatives, diagonal = problem.tension_derivatives(state), np.arange(tendons)
     direct = np.zeros((nodes, tendons, 2 * tendons + 1))
-    direct[:, own, own] = problem.tension_rates(state) if rates is None else rates
+    direct[:, diagonal, diagonal] = problem.tension_rates(state) if rates is None else rates
     direct[..., tendons] = -state.at_nodes.tensions
-    felt = direct.copy()
+    total = direct.copy()
     if derivatives is not None:
         if rates is None:
             derivatives.require(names, base)
-        direct[:, own, tendons + 1 + own] = derivatives.by_friction
+        direct[:, diagonal, tendons + 1 + diagonal] = derivatives.by_friction
         for _ in range(_MOST_STEPS):
-            # What is bent nearer to the base changes tensions farther from it.
-            more = direct + derivatives.by_twists(by_local @ felt) - felt
-            felt += more
-            if np.abs(more).max() <= _SETTLED * np.abs(felt).max():
+            # Bends nearer to the base change tensions farther from it.
+            added = direct + derivatives.by_twists(by_local @ total) - total
+            total += added
+            if np.abs(added).max() <= _SETTLED * np.abs(total).max():
                 break
         else:
             raise ConvergenceError(
-                'the change of tensions with friction', float(np.abs(more).max()), _MOST_STEPS
+                'the change of tensions with friction', float(np.abs(added).max()), _MOST_STEPS
             )
-    stations = np.tensordot(level.tables.stations.between, felt, 1)
-    stations[0] = np.eye(tendons, 2 * tendons + 1)  # at the base tensions are given
+    stations = np.tensordot(level.tables.stations.between, total, 1)
+    stations[0] = np.eye(tendons, 2 * tendons + 1)  # tensions at the base are given
     stations[0, :, tendons] = -base
-    local = felt.copy()
+    local = total.copy()
     local[..., tendons] += state.at_nodes.tensions
-    return np.concatenate([felt, stations]), local
+    return np.concatenate([total, stations]), local

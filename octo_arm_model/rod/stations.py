@@ -1,4 +1,4 @@
-"""Stations of the results: where along the arm a backbone is known; and values between rows.
+"""The stations of a backbone, and interpolation between rows of numbers.
 
 Anchorages and loads split the arm into *panels*, and are stations. Strains are smooth inside a
 panel and may jump between panels.
@@ -49,18 +49,18 @@ class StationGrid:
         if stations > MAX_STATIONS:
             raise ConfigError(f'stations is {stations}, expected at most {MAX_STATIONS}')
         if stations < len(ends):
-            what = 'every anchorage and load' if breaks else 'every anchorage'
+            places = 'every anchorage and load' if breaks else 'every anchorage'
             raise ConfigError(
                 f'stations is {stations}, expected at least {len(ends)} '
-                f'for both ends of the arm and {what}'
+                f'for both ends of the arm and {places}'
             )
         counts = _share_intervals(np.diff(ends).tolist(), int(stations) - 1)
-        parts = [
+        panels = [
             np.linspace(start, stop, count + 1)[1:]
             for start, stop, count in zip(ends, ends[1:], counts)
         ]
-        s = np.concatenate([[0.0], *parts])
-        anchorages = np.array([one.anchorage for one in arm.sections])
+        s = np.concatenate([[0.0], *panels])
+        anchorages = np.array([arm_section.anchorage for arm_section in arm.sections])
         section = (anchorages >= s[:, np.newaxis]).sum(axis=1)
         s.setflags(write=False)
         section.setflags(write=False)
@@ -73,7 +73,7 @@ def _share_intervals(lengths: list[float], total: int) -> list[int]:
     Each interval is added to the panel with the longest intervals, to the first of equally long
     ones, so that the stations of similar arms are the same fractions of their lengths.
     """
-    # Lower bounds: the proportional part of the intervals beyond one each, rounded down.
+    # Lower bounds of the counts are the proportional shares, rounded down.
     unit = sum(lengths) / max(total - len(lengths), 1)
     counts = [max(1, int(length / unit * (1.0 - SAME_LENGTH))) for length in lengths]
     for _ in range(total - sum(counts)):
@@ -86,16 +86,16 @@ def _share_intervals(lengths: list[float], total: int) -> list[int]:
 # Between rows of numbers -------------------------------------------------------------------------
 
 
-def interpolated(at: FloatArray | float, x: FloatArray, rows: FloatArray) -> FloatArray:
-    """Interpolate ``rows`` (n, ...) at ascending ``x`` (n,) to ``at``: (*at.shape, ...).
+def interpolated(targets: FloatArray | float, x: FloatArray, rows: FloatArray) -> FloatArray:
+    """Interpolate ``rows`` (n, ...) at ascending ``x`` (n,) to ``targets``: (targets, ...).
 
-    Constant before the first and after the last ``x``.
+    The rows are constant before the first and after the last ``x``.
     """
     columns = rows.reshape(len(rows), -1).T
-    found = np.stack([np.interp(at, x, column) for column in columns], axis=-1)
-    return found.reshape(*np.shape(at), *rows.shape[1:])
+    values = np.stack([np.interp(targets, x, column) for column in columns], axis=-1)
+    return values.reshape(*np.shape(targets), *rows.shape[1:])
 
 
-def nearest(at: FloatArray, x: FloatArray) -> IntArray:
-    """Index of the element of ascending ``x`` (n,) that is nearest to each ``at``."""
-    return np.searchsorted(0.5 * (x[1:] + x[:-1]), at)
+def nearest(targets: FloatArray, x: FloatArray) -> IntArray:
+    """Return the index of the element of ascending ``x`` (n,) nearest to each of ``targets``."""
+    return np.searchsorted(0.5 * (x[1:] + x[:-1]), targets)
