@@ -1,7 +1,7 @@
-"""The node functions over whole arrays; `loops` has the same for numba, and their equations.
+"""The node functions over whole arrays for NumPy; `loops` has them for numba, with equations.
 
 Names, arguments and tables are those of `loops`. Indices: i, k, m nodes, a, c components, j
-tendons, e elements. Those of cross sections are in `section_arrays`.
+tendons, e elements. The functions of cross sections are in `section_arrays`.
 """
 
 import numpy as np
@@ -55,7 +55,7 @@ XYZW = np.array([1, 2, 3, 0])  # of a quaternion w, x, y, z
 
 
 def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
-    """Orientation and r' of every node: q' = q (0, kappa) / 2 collocated in each element.
+    """Compute orientation and r' of every node: q' = q (0, kappa) / 2, collocated in elements.
 
     A quaternion is a + b j; the equations are linear in (a, b).
     """
@@ -86,25 +86,25 @@ def orientations(tables: Tables, z: FloatArray, work: Work) -> None:
 
 
 def _inside(tables: Tables, rate: ComplexArray) -> ComplexArray:
-    """(a, b) at the points of elements from their starts, (e, 2, p)."""
+    """Return (a, b) at the points of elements relative to their starts, (e, 2, p)."""
     points = len(tables.to_point)
     system = np.multiply(-tables.to_point[:, np.newaxis], rate[:, :, np.newaxis], order='C')
     system.reshape(len(rate), -1)[:, :: 2 * points + 1] += 1.0
-    one = np.zeros((len(rate), 2 * points, 1), np.complex128)
-    one[:, :points] = 1.0
-    found = np.linalg.solve(system.reshape(-1, 2 * points, 2 * points), one)
-    return np.asarray(found).reshape(-1, 2, points)
+    right = np.zeros((len(rate), 2 * points, 1), np.complex128)
+    right[:, :points] = 1.0
+    solution = np.linalg.solve(system.reshape(-1, 2 * points, 2 * points), right)
+    return np.asarray(solution).reshape(-1, 2, points)
 
 
 def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work) -> None:
-    """Fill in orientations, from those of the starts of elements and within them."""
+    """Write the orientations, from those of the starts of elements and those inside them."""
     a, b = first[:, np.newaxis, 0], first[:, np.newaxis, 1]
     c, d = inside[:, 0], inside[:, 1]
-    whole = np.stack([a * c - b * d.conj(), a * d + b * c.conj()], axis=-1).reshape(len(z), 2)
-    parts = whole.view(np.float64)
-    parts /= np.sqrt((parts * parts).sum(axis=1, keepdims=True))
-    work.quaternion[:] = parts
-    work.rotation[:] = rotation_matrices(np.ascontiguousarray(parts.T)).transpose(2, 0, 1)
+    products = np.stack([a * c - b * d.conj(), a * d + b * c.conj()], axis=-1).reshape(len(z), 2)
+    components = products.view(np.float64)
+    components /= np.sqrt((components * components).sum(axis=1, keepdims=True))
+    work.quaternion[:] = components
+    work.rotation[:] = rotation_matrices(np.ascontiguousarray(components.T)).transpose(2, 0, 1)
     work.slope[:] = work.rotation[:, :, 0] * z[:, 3, np.newaxis]
     if z.shape[1] == 6:
         work.slope[:] += (work.rotation[:, :, 1:] @ z[:, 4:, np.newaxis])[..., 0]
@@ -116,39 +116,39 @@ def _orient(first: ComplexArray, inside: ComplexArray, z: FloatArray, work: Work
 def poses(
     tables: Tables, z: FloatArray, places: Places, work: Work
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions and orientations at places, and estimated errors of positions, see `loops`."""
+    """Return positions and orientations at ``places``, and estimated errors of positions."""
     rates = np.empty((7, len(z)))
     rates[:3] = work.slope.T
     quaternion_rates(work.quaternion, z[:, :3], rates[3:].T)
-    found = rates.reshape(-1, places.integration.shape[1]) @ places.integration.T
-    found = found.reshape(7, -1, len(places.integration))
-    turn = found[3:]
-    turn += tables.base[:, np.newaxis, np.newaxis]
-    turn /= np.sqrt((turn * turn).sum(axis=0))
-    position = np.ascontiguousarray(found[:3].transpose(1, 2, 0))
+    integrals = rates.reshape(-1, places.integration.shape[1]) @ places.integration.T
+    integrals = integrals.reshape(7, -1, len(places.integration))
+    quaternion = integrals[3:]
+    quaternion += tables.base[:, np.newaxis, np.newaxis]
+    quaternion /= np.sqrt((quaternion * quaternion).sum(axis=0))
+    position = np.ascontiguousarray(integrals[:3].transpose(1, 2, 0))
     error = position_errors(places.tail, tables.lengths, z, work.slope)
-    return position, turn.transpose(1, 2, 0).take(XYZW, axis=2), error
+    return position, quaternion.transpose(1, 2, 0).take(XYZW, axis=2), error
 
 
 # The whole arm ---------------------------------------------------------------------------------
 
 
 def wrenches(tables: Tables, force: FloatArray, couple: FloatArray, work: Work) -> None:
-    """Minus what all beyond exerts on every cross section, see `loops`."""
+    """Compute minus the wrench from beyond every cross section, as residual."""
     elements, points = tables.lengths.size, tables.to_end.shape[0]
     rate = cross(work.slope, force)
-    whole = (tables.weights[:, np.newaxis] * rate).reshape(elements, points, 3).sum(axis=1)
-    beyond = whole[::-1].cumsum(axis=0)[::-1] - whole
+    by_element = (tables.weights[:, np.newaxis] * rate).reshape(elements, points, 3).sum(axis=1)
+    beyond = by_element[::-1].cumsum(axis=0)[::-1] - by_element
     inside = tables.to_end @ rate.reshape(elements, points, 3)
     inside *= tables.lengths[:, np.newaxis, np.newaxis]
     inside += beyond[:, np.newaxis]
     np.add(couple, inside.reshape(-1, 3), out=work.moment)
-    both = np.stack([work.moment, force], axis=1) @ work.rotation
-    np.negative(both.reshape(-1, 6)[:, : work.residual.shape[1]], out=work.residual)
+    axes_wrench = np.stack([work.moment, force], axis=1) @ work.rotation
+    np.negative(axes_wrench.reshape(-1, 6)[:, : work.residual.shape[1]], out=work.residual)
 
 
 def add_gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Work) -> float:
-    """Imbalance of every cross section from its wrench, see `section_loops`."""
+    """Add the gradients of the sections to the residual, and return its relative size."""
     wrench = work.residual.copy()
     gradients(tables, z, tensions, work)
     np.add(work.residual, work.gradient, out=work.residual)
@@ -158,7 +158,7 @@ def add_gradients(tables: Tables, z: FloatArray, tensions: FloatArray, work: Wor
 def jacobian(
     tables: Tables, z: FloatArray, tensions: FloatArray, force: FloatArray, work: Work
 ) -> None:
-    """Derivative of the residual by z for a fixed ``force``, see `loops`."""
+    """Compute the derivative of the residual by z for a constant ``force`` (N, 3) [N]."""
     sections(tables, z, tensions, work)
     count, strains = z.shape
     elements, points = tables.lengths.size, tables.to_end.shape[0]
@@ -186,7 +186,7 @@ def jacobian(
     element = np.repeat(np.arange(elements), points * strains)
     np.copyto(work.jacobian, after)
     np.copyto(work.jacobian, before, where=element < element[:, np.newaxis])
-    # And of one element.
+    # The blocks of nodes of one element.
     inner = (tables.twice.reshape(-1, points) @ by_element).reshape(elements, points, points, 3, 3)
     inner *= (lengths * lengths)[..., np.newaxis]
     inner += weights.reshape(elements, 1, points, 1, 1) * beyond[:, :, np.newaxis]
@@ -208,28 +208,28 @@ def jacobian(
 
 # The paper's models ------------------------------------------------------------------------------
 
-MOST_PAPER_SWEEPS = 60  # of an element in equation (10)
-SWEEPS_A_CHECK = 2  # of these, as a check takes as long as a sweep
+MOST_PAPER_SWEEPS = 60  # largest number of sweeps of an element in equation (10)
+SWEEPS_A_CHECK = 2  # sweeps between checks, as a check takes as long as a sweep
 
 
 def paper_twists(
     tables: PaperTables, sums: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Twists (A, P, 4) in the paper's balance, and how (10) was solved, see `paper_loops`.
+    """Return twists (A, P, 4) by one of the paper's models, and the outcome of (10), (A, 3).
 
-    ``sums`` may be complex.
+    ``sums`` (A, 7, P) may be complex; the outcome is that of `paper_loops`.
     """
     outcome, rest = np.full((len(sums), 3), (0.0, 0.0, -1.0)), tables.rest[:, np.newaxis]
     if tables.swept:
         rest, outcome = _imbalances(tables, sums, tolerance)
-    found = paper_twist(tuple(sums.swapaxes(0, 1)), tuple(tables.stiffness), tuple(rest))
-    return np.stack(found, axis=-1), outcome
+    twists = paper_twist(tuple(sums.swapaxes(0, 1)), tuple(tables.stiffness), tuple(rest))
+    return np.stack(twists, axis=-1), outcome
 
 
 def _imbalances(
     tables: PaperTables, sums: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Imbalance p (3, A, P) [N m] at nodes and stations, and how it was found, (A, 3)."""
+    """Return the imbalance p (3, A, P) [N m] at nodes and stations, and the outcome, (A, 3)."""
     (stations, nodes), points = tables.stations.between.shape, tables.backwards.shape[1]
     p = np.zeros((3, len(sums), sums.shape[2]), sums.dtype)
     residual, sweeps, stuck = outcome = np.zeros((3, len(sums)))
@@ -237,25 +237,25 @@ def _imbalances(
     largest = np.abs(sums[:, 1:3, :nodes]).max(axis=(1, 2), initial=1e-300)
     end = np.zeros((3, len(sums)), sums.dtype)
     for e in range(tables.swept - 1, -1, -1):
-        own, at = slice(e * points, (e + 1) * points), tables.anchorage[e]
-        if at >= 0:
-            sides = _moments(sums[..., at]), _moments(sums[..., at + 1])
-            end = paper_jump(tables.stiffness[[1, 2, 2], at, np.newaxis], *sides, end)
+        columns, place = slice(e * points, (e + 1) * points), tables.anchorage[e]
+        if place >= 0:
+            sides = _moments(sums[..., place]), _moments(sums[..., place + 1])
+            end = paper_jump(tables.stiffness[[1, 2, 2], place, np.newaxis], *sides, end)
         coefficients = paper_slope(
-            tuple(tables.stiffness[:, own]), tuple(sums[..., own].swapaxes(0, 1))
+            tuple(tables.stiffness[:, columns]), tuple(sums[..., columns].swapaxes(0, 1))
         )
         backwards = -tables.lengths[e] * tables.backwards.T
-        found, change, count = _sweep(coefficients, backwards, end, tolerance * largest)
+        solution, change, count = _sweep(coefficients, backwards, end, tolerance * largest)
         stuck[(stuck < 0.0) & ~(change <= tolerance * largest)] = e
         np.maximum(residual, change / largest, out=residual)
         np.maximum(sweeps, count, out=sweeps)
-        p[..., own], end = found[..., :points], found[..., points]
+        p[..., columns], end = solution[..., :points], solution[..., points]
     p[..., nodes : nodes + stations] = p[..., :nodes] @ tables.stations.between.T
     return p, outcome.T
 
 
 def _moments(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """F and the diagonal of D of ``sums`` (A, 7), (3, A)."""
+    """Return F and the diagonal of D by ``sums`` (A, 7), (3, A)."""
     f, d = paper_moments(tuple(sums.T))
     return np.stack(f), np.stack(d)
 
@@ -263,7 +263,7 @@ def _moments(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _sweep(
     coefficients: Numbers, backwards: FloatArray, end: FloatArray, allowed: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Imbalance (3, A, p + 1) from that at the ``end``, its last change and sweeps, (A,)."""
+    """Return the imbalance (3, A, p + 1) from its ``end``, its last change and sweeps, (A,)."""
     xi, k, product = coefficients[:3]
     linear, aside = np.stack(coefficients[3:5]), np.stack(coefficients[5:])
     end = end[..., np.newaxis]
@@ -281,10 +281,10 @@ def _sweep(
             settled = p.copy(), change, np.full(len(change), float(count))
         else:
             # A converged arm is swept no further, so that it does not depend on the others.
-            left = ~(settled[1] <= allowed)
-            np.copyto(settled[0], p, where=left[:, np.newaxis])
-            np.copyto(settled[1], change, where=left)
-            settled[2][left] = count
+            unsettled = ~(settled[1] <= allowed)
+            np.copyto(settled[0], p, where=unsettled[:, np.newaxis])
+            np.copyto(settled[1], change, where=unsettled)
+            settled[2][unsettled] = count
         if (settled[1] <= allowed).all():
             break
     assert settled is not None
@@ -302,9 +302,9 @@ def moving_loads(
     rotation: FloatArray,
     motion: Motion,
 ) -> None:
-    """Fill in the ``motion`` of a rod of derivatives r', ``slope``, and ``rotation`` of sections.
+    """Compute the ``motion`` of nodes, and its loads, from r' ``slope`` and the ``rotation``.
 
-    ``base`` (3,) is the position of its base [m].
+    ``base`` (3,) is the position of the base [m].
     """
     place, velocity, acceleration, load = motion
     place[:, POSITION] = tables.from_base @ slope + base

@@ -1,10 +1,10 @@
-"""The shape of the arm, the result of every solve, and how it is read at the stations.
+"""The shape of the arm, the result of every solve, and its evaluation at the stations.
 
-At the ends of elements integrals of a collocated solution are far more exact than within. They
-are as exact everywhere after one more step (iterated collocation): moments at more points of each
-element, which are integrals, and the twists there that balance them. Stations are reached from
-these by integrals and interpolation. Where tendons with friction slip, tensions and so strains
-have kinks between the points, but wrenches have none: there they are interpolated, and balanced.
+Integrals of a collocated solution are far more exact at the ends of elements than inside them. One
+more step makes them as exact everywhere (iterated collocation): it integrates moments at more
+points of each element, and finds the twists that balance them. Stations follow from these by
+integration and interpolation. If tendons with friction slip, tensions and strains have kinks
+between the points, but wrenches do not: they are interpolated, and balanced at the stations.
 """
 
 import functools
@@ -22,7 +22,7 @@ from octo_arm_model.rod.tables import places_at, tabulate, work_arrays
 
 @dataclass(frozen=True, eq=False)
 class Backbone:
-    """Shape of the arm at every station, from base to tip. Its arrays are read-only.
+    """The shape of the arm at every station, from base to tip. Its arrays are read-only.
 
     The leading axes are those of the tensions; ``s`` and ``section`` are common to a batch.
 
@@ -32,8 +32,8 @@ class Backbone:
         section: section a station belongs to, numbered from the tip; 0 beyond the last
             anchorage, (stations,). Values at an anchorage are those on the side of the base.
         position: position of the cross section [m], (..., stations, 3).
-        quaternion: its orientation x, y, z, w, (..., stations, 4); the local x axis is the
-            tangent t, y is n and z is b.
+        quaternion: orientation x, y, z, w of the cross section, (..., stations, 4); the local x
+            axis is the tangent t, y is n and z is b.
         tau: torsion about t [1/m], (..., stations).
         xi: curvature about n [1/m], (..., stations).
         k: curvature about b [1/m], (..., stations).
@@ -42,14 +42,14 @@ class Backbone:
         tip_wrench: force and moment on the tip in base_frame [N, N m], (..., 6).
         residual: relative residual of the model's equations [-], (...).
         iterations: iterations of the solver, (...).
-        equilibrium: of a single arm, from which `Solver.solve` continues as ``start``; None for a
-            batch.
+        equilibrium: equilibrium of a single arm, from which `Solver.solve` continues as ``start``;
+            None for a batch.
         reach: local tension over that at the base of each tendon, without friction: 1 up to its
             anchorage and 0 beyond, (stations, tendons).
         slid_tensions: tensions of tendons with friction at the stations [N], (..., stations,
             tendons); None without friction.
         point_tensions: tensions at the points of the model [N], (tendons, points): the history
-            from which `Solver.follow` continues. Of a single arm whose tendons have friction.
+            from which `Solver.follow` continues; only for a single arm with friction.
     """
 
     model: str
@@ -79,15 +79,15 @@ class Backbone:
         if self.slid_tensions is not None:
             return self.slid_tensions
         assert self.reach is not None
-        lead = self.position.shape[:-2]
-        return self.tensions.reshape(*lead, 1, self.reach.shape[-1]) * self.reach
+        batch = self.position.shape[:-2]
+        return self.tensions.reshape(*batch, 1, self.reach.shape[-1]) * self.reach
 
     @property
     def twist(self) -> FloatArray | None:
         """Motion of the frame per reference length at the nodes of the model, (4 or 6, nodes).
 
-        In its own axes: angular (1 + q) (tau, xi, k) [1/m], then linear 1 + q [-] along t, and
-        shear along n and b, if any. None for a batch.
+        It is in the axes of the frame: angular (1 + q) (tau, xi, k) [1/m], then linear 1 + q [-]
+        along t, and shear along n and b, if any. None for a batch.
         """
         return None if self.equilibrium is None else self.equilibrium.state.z.T
 
@@ -103,15 +103,15 @@ ONE_STEP = 1e300  # residual before the last step to the balance of sections
 
 
 class FinePoints:
-    """More points of each element, where sections balance what acts at the nodes.
+    """More points of each element, whose sections balance the wrenches of an equilibrium.
 
     Attributes:
-        problem: the nodes.
+        problem: the equations at the nodes.
         own: the equations at the points.
     """
 
     def __init__(self, problem: Problem, own: Problem) -> None:
-        """``own`` has the elements of ``problem`` with more points in each."""
+        """Prepare the points of ``own``, which has the elements of ``problem``."""
         self.problem, self.own = problem, own
         self._between = problem.elements.interpolation(own.elements.s)
         self._of_fine: FloatArray | None = None
@@ -120,19 +120,19 @@ class FinePoints:
         self.to_nodes = own.elements.interpolation(problem.elements.s)
 
     def balance(self, state: State) -> tuple[NodeCondition, FloatArray, FloatArray]:
-        """What acts there in ``state``, twists (n, m) that balance it, and wrenches (n, m).
+        """Return loads at the points in ``state``, and twists (n, m) that balance wrenches (n, m).
 
-        The latter are moment and force of all beyond a point, in the axes of its section.
+        A wrench is the moment and force from beyond a point, in the axes of its section.
         """
         own, condition, z = self.own, state.condition, self._between @ state.z
         if self.problem.friction is not None:
             condition = condition._replace(tensions=self._slid(state))
         if (contact := self.problem.contact) is not None:
-            # Depths differ too much between nodes and points for obstacles as stiff as they are.
+            # For stiff obstacles the depths at the points differ too much from those at the nodes.
             self.problem.orient(state.z)
             own.touching = contact.densities(self.problem.places(), to=own.contact)
         at_nodes, wrench = own.wrenches(own.at_nodes(condition), z)
-        z = z.copy()  # Orientations of the other one are known.
+        z = z.copy()  # The orientations of the other array stay known.
         inside = own.in_sections(at_nodes.tensions)
         own.form.balance(own.tables, z, inside, wrench, ONE_STEP, own.work)
         return at_nodes, z, wrench
@@ -148,29 +148,29 @@ class FinePoints:
         return np.asarray(base * np.exp(-loss))
 
     def friction_error(self, state: State) -> float:
-        """Estimated error of tensions with friction, in parts of them."""
+        """Return the estimated relative error of tensions with friction."""
         (at_nodes, z, _), own = self.balance(state), self.own
         own.form.angles(own.tables, z, at_nodes.tensions, own.work)
         means = []
-        for one, angle in (
+        for each, angle in (
             (self.problem, self.problem.local_tensions(state).angle),
             (own, own.work.angle),
         ):
-            parts = one.elements.weights[:, np.newaxis] * angle
-            means.append(parts.reshape(own.elements.lengths.size, one.elements.points, -1).sum(1))
+            parts = each.elements.weights[:, np.newaxis] * angle
+            means.append(parts.reshape(own.elements.lengths.size, each.elements.points, -1).sum(1))
         change = (means[0] - means[1]) / own.elements.lengths[:, np.newaxis]
         return float(np.abs(change * own.tables.friction).max())
 
 
 class Readout:
-    """Reads equilibria of a `Problem` at stations.
+    """The evaluation of equilibria of a `Problem` at stations.
 
     Attributes:
         places: the stations among the finer points.
     """
 
     def __init__(self, finer: FinePoints, arm: Arm, s: FloatArray) -> None:
-        """At arc coordinates ``s`` (S,) [m] of ``arm``."""
+        """Prepare stations at the arc coordinates ``s`` (S,) [m] of ``arm``."""
         self._problem, self._finer, self._s = finer.problem, finer, s
         elements, own = finer.own.elements, finer.own
         self.places = places_at(elements, s)
@@ -183,10 +183,10 @@ class Readout:
     def read(
         self, state: State, fine: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-        """Cross sections at S stations in ``state``, whose twists at finer points may be known.
+        """Return poses, twists and tensions in ``state``; ``fine`` are known twists at the points.
 
-        Positions (S, 3) [m] from the base, quaternions x, y, z, w (S, 4), twists (S, m) and, of
-        tendons with friction, tensions (S, J) [N], also beyond their anchorages.
+        Positions (S, 3) [m] from the base, quaternions x, y, z, w (S, 4), twists (S, m), and
+        tensions (S, J) [N] of tendons with friction, also beyond their anchorages.
         """
         finer, along = self._finer.own, None
         if fine is not None:
@@ -205,25 +205,25 @@ class Readout:
         return position[0], quaternion[0], twist, along
 
     def twists(self, fine: FloatArray) -> FloatArray:
-        """Twists (..., S, m) at the stations, from those (..., n, m) at the finer points."""
-        # So that there is exactly no strain where there is none.
+        """Return twists (..., S, m) at the stations by those (..., n, m) at the finer points."""
+        # Strains are interpolated, so that zero strain stays exactly zero.
         strained = self.places.between @ (fine - self._straight)
         return np.asarray(strained + self._straight)
 
     def _angle(self, at_nodes: NodeCondition, z: FloatArray) -> FloatArray:
-        """Angle by which tendons have turned up to the stations [rad], (S, J)."""
+        """Return the angle by which tendons have turned up to the stations [rad], (S, J)."""
         tables, elements = self._finer.own.tables, self._finer.own.elements
         tendons = tendons_at(tables, z, at_nodes.tensions, self._finer.own.work)
         bends = Bends(tables, z, tendons.unit.swapaxes(1, 2), tables.reach[:, tendons.pulled])
         fine = tables.to_fine @ bends.bend.reshape(3, elements.lengths.size, elements.points, -1)
         rate = np.sqrt((fine * fine).sum(axis=0)).reshape(-1, fine.shape[3])
-        found = np.zeros((self._s.size, tables.friction.size))
+        angle = np.zeros((self._s.size, tables.friction.size))
         kinks = bends.kink_angles.cumsum(axis=0)[self.places.element]
-        found[:, tendons.pulled] = self._turned @ rate + kinks
-        return found
+        angle[:, tendons.pulled] = self._turned @ rate + kinks
+        return angle
 
     def _slid(self, state: State, angle: FloatArray) -> FloatArray:
-        """Tensions with friction at the stations (S, J), for an ``angle`` (S, J) [rad]."""
+        """Return tensions with friction at the stations (S, J) by an ``angle`` (S, J) [rad]."""
         condition = state.condition
         base, loss = condition.tensions, self._problem.tables.friction * angle
         if condition.before is None:
@@ -232,10 +232,10 @@ class Readout:
 
     @functools.cached_property
     def _turned(self) -> FloatArray:
-        """From rates at the fine points to integrals up to the stations, (S, M)."""
+        """Matrix from rates at the fine points to integrals up to the stations, (S, M)."""
         return self._finer.own.elements.fine.integration(self._s)
 
     @functools.cached_property
     def _of_history(self) -> FloatArray:
-        """From a history of friction to the stations, (S, M)."""
+        """Matrix from a history of friction to tensions at the stations, (S, M)."""
         return self._problem.elements.fine.interpolation(self._s)

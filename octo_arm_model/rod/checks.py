@@ -1,4 +1,4 @@
-"""What is refused: input of impossible shapes and sizes, and solutions that nothing bears."""
+"""Checks of input, of its shapes and sizes, and of solutions that no real arm has."""
 
 import math
 from typing import Any
@@ -35,16 +35,16 @@ from octo_arm_model.rod.tables import (
     least_bending,
 )
 
-# Of the weakest cross section, if it were linear [-]. No material bears a tenth of this strain,
-# and under larger forces the search for a balance only takes long and fails.
+# Largest strain of the weakest section, if it were linear [-]. No material bears a tenth of it.
+# Under larger forces the search for a balance takes long and fails.
 LARGEST_STRAIN = 100.0
-_FEW = 64  # numbers, up to which Python takes less time than NumPy
+_FEW = 64  # count of numbers up to which Python is faster than NumPy
 
 
 def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
     """Return ``tensions`` as a float array that ends in the shape `Arm.tension_shape` [N].
 
-    Where that is flat, one set may also be given in rows, one for each section.
+    If that is flat, one set may also be given in rows, one for each section.
 
     Raises:
         TensionError: if the shape is not that of the arm, or a tension is negative or not
@@ -78,7 +78,7 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
 
 
 def _flatten_rows(arm: Arm, tensions: ArrayLike) -> ArrayLike:
-    """One set of ``tensions`` in rows, one for each section of ``arm``, as one row."""
+    """Return ``tensions``; if they are one set in rows, one for each section, as one row."""
     rows: Any = tensions if isinstance(tensions, (list, tuple)) else ()
     counts = [len(row) if isinstance(row, (list, tuple)) else None for row in rows]
     if counts == [len(section.tendons) for section in arm.sections]:
@@ -87,19 +87,19 @@ def _flatten_rows(arm: Arm, tensions: ArrayLike) -> ArrayLike:
 
 
 def check_highest(arm: Arm, highest: ArrayLike) -> FloatArray:
-    """Return largest tensions as (tendons,) [N], of one number or what has `Arm.tension_shape`.
+    """Return largest tensions as (tendons,) [N], from one number or an array.
 
-    One for each section, (sections, 1), will do as well.
+    The array has `Arm.tension_shape`, or one number for each section, (sections, 1).
 
     Raises:
-        TensionError: if they have another shape, or one is not finite and > 0.
+        TensionError: if it has another shape, or a number is not finite and > 0.
     """
-    given = real_numbers(highest)
+    numbers = real_numbers(highest)
     try:
-        limits = np.broadcast_to(np.nan if given is None else given, arm.tension_shape).ravel()
+        limits = np.broadcast_to(np.nan if numbers is None else numbers, arm.tension_shape).ravel()
     except ValueError:
-        given = None
-    if given is None:
+        numbers = None
+    if numbers is None:
         raise TensionError(
             f'highest is {shown(highest)}, expected one number or shape {arm.tension_shape}'
         )
@@ -115,7 +115,7 @@ def tip_wrench_of(given: ArrayLike) -> FloatArray:
     """Return the wrench ``given`` (..., 6) [N, N m] as a float array.
 
     Raises:
-        LoadError: if it is not six finite numbers.
+        LoadError: if the wrench is not six finite numbers.
     """
     array = real_numbers(given)
     if array is None or array.shape[-1:] != (6,) or not np.isfinite(array).all():
@@ -126,12 +126,12 @@ def tip_wrench_of(given: ArrayLike) -> FloatArray:
 
 
 class LoadLimits:
-    """Largest force and moment on an arm.
+    """The largest allowed force and moment on an arm.
 
     Attributes:
         force: `LARGEST_STRAIN` times the least E A [N].
-        moment: the same times the root of the least E A times the least E I [N m].
-        tension: largest tension that balances are found for at all [N].
+        moment: `LARGEST_STRAIN` times the root of the least E A times the least E I [N m].
+        tension: largest tension under which a balance can be found [N].
     """
 
     def __init__(self, arm: Arm, s: FloatArray) -> None:
@@ -139,7 +139,7 @@ class LoadLimits:
         stiffness = SectionStiffness.at(arm, s)
         axial, bending = float(stiffness.axial.min()), float(stiffness.bending.min())
         self.force = LARGEST_STRAIN * axial
-        # The axial force is a difference of terms of this size; beyond, it is lost in rounding.
+        # The axial force is a difference of terms of this size; larger ones lose it in rounding.
         self.tension = 1e6 * axial
         self.moment = LARGEST_STRAIN * math.sqrt(axial * bending)
         factor = f'{LARGEST_STRAIN:.0f} times'
@@ -193,15 +193,15 @@ class LoadLimits:
 
 
 def _are_tensions(array: FloatArray) -> bool:
-    """Whether all numbers are finite and not negative."""
+    """Return whether all numbers are finite and not negative."""
     if array.size <= _FEW:
-        return all(0.0 <= one < math.inf for one in array.ravel().tolist())
+        return all(0.0 <= tension < math.inf for tension in array.ravel().tolist())
     return bool(((array >= 0.0) & (array < np.inf)).all())
 
 
 def _largest(vectors: FloatArray | tuple[float, ...]) -> float:
-    """The largest norm of ``vectors`` (..., 3); infinite where a number is none."""
-    if np.ndim(vectors) == 1:  # as of one arm: much sooner than by NumPy
+    """Return the largest norm of ``vectors`` (..., 3); infinite if one is NaN."""
+    if np.ndim(vectors) == 1:  # the case of one arm, much faster than NumPy
         norm = math.hypot(*vectors)
         return math.inf if math.isnan(norm) else norm
     with np.errstate(over='ignore', invalid='ignore'):
@@ -211,15 +211,15 @@ def _largest(vectors: FloatArray | tuple[float, ...]) -> float:
 
 # Solutions ---------------------------------------------------------------------------------------
 
-SHORTEST_FIBRE = 0.02  # of its reference length
+SHORTEST_FIBRE = 0.02  # least length of a fibre over its reference length
 _SHORTENS = 1.0  # tension over E A that would shorten a straight rod to nothing
 
 
 def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
-    """Refuse a ``state`` of ``problem`` that cannot be trusted.
+    """Refuse a ``state`` of ``problem`` that no real arm has.
 
     Raises:
-        SolveError: if there is a place for that; the message states its arc coordinate.
+        SolveError: if it is refused; the message states the arc coordinate.
     """
     check_stretches(problem, state.z)
     if problem.contact is not None:
@@ -232,7 +232,7 @@ def check_solution(problem: Problem, state: State, is_loaded: bool) -> None:
 
 
 def explain(problem: Problem, tensions: FloatArray, error: ConvergenceError) -> SolveError:
-    """Why cross sections under ``tensions`` (N, J) [N] have no balance, after ``error``."""
+    """Return an error that says why sections under ``tensions`` (N, J) [N] have no balance."""
     tables = problem.tables
     pull = (tensions * tables.reach).max(axis=1) / tables.body[:, AXIAL]
     node = int(np.argmax(pull))
@@ -240,15 +240,15 @@ def explain(problem: Problem, tensions: FloatArray, error: ConvergenceError) -> 
         s = problem.elements.s[node]
         return SolveError(f'tensions shorten a tendon to nothing at s = {s:.4g} m')
     if tables.compliance.any():
-        what = 'the balance of the cross sections, with tendons in compliant sheaths,'
-        return ConvergenceError(what, error.residual, error.iterations)
+        equations = 'the balance of the cross sections, with tendons in compliant sheaths,'
+        return ConvergenceError(equations, error.residual, error.iterations)
     return error
 
 
 def explain_discs(
     problem: Problem, tensions: FloatArray, error: ConvergenceError
 ) -> ConvergenceError:
-    """Why an arm under ``tensions`` (J,) [N] has no balance after ``error``, if by its discs.
+    """Return an error that says that discs under ``tensions`` (J,) [N] explain it, or ``error``.
 
     A straight tendon makes an arm softer in bending between discs, by T h^2 / 12 at a distance h.
     """
@@ -260,18 +260,18 @@ def explain_discs(
     node = int(np.argmax(softer))
     if not softer[node] > 1.0:
         return error
-    what = (
+    equations = (
         'the balance of an arm that tensions fold between discs that are '
         f'{discs.sizes[discs.piece[node]]:.4g} m apart at s = {problem.elements.s[node]:.4g} m, '
         f'with T h^2 / 12 of {softer[node]:.3g} E J,'
     )
-    return ConvergenceError(what, error.residual, error.iterations)
+    return ConvergenceError(equations, error.residual, error.iterations)
 
 
 def check_stretches(problem: Problem, z: FloatArray) -> None:
     """Refuse twists ``z`` (N, m) that compress a section, or a fibre of rubber, to nothing.
 
-    The stress of rubber is unbounded at zero length, unlike that of any material.
+    The stress of this law is unbounded at zero length, unlike that of real materials.
     """
     stretch = z[:, 3]
     if problem.tables.law != LINEAR:
@@ -297,15 +297,15 @@ def check_compression(s: FloatArray, stretch: FloatArray) -> None:
 
 
 def are_stretched(tables: Tables, z: FloatArray, arms: int) -> NDArray[np.bool_]:
-    """Whether `check_stretches` passes for each of ``arms`` with twists ``z`` (A N, m), (A,)."""
-    fine = z[:, 3] > 0.0
+    """Return for which of the ``arms`` with twists ``z`` (A N, m) `check_stretches` passes."""
+    is_valid = z[:, 3] > 0.0
     if tables.law != LINEAR:
-        fine &= _shortest_fibres(tables, z) > SHORTEST_FIBRE
-    return np.asarray(fine.reshape(arms, -1).all(axis=1), np.bool_)
+        is_valid &= _shortest_fibres(tables, z) > SHORTEST_FIBRE
+    return np.asarray(is_valid.reshape(arms, -1).all(axis=1), np.bool_)
 
 
 def _shortest_fibres(tables: Tables, z: FloatArray) -> FloatArray:
-    """Length of the shortest fibre of sections of twists ``z`` (N, m) over that at rest, (N,)."""
+    """Return the stretch of the shortest fibre of sections with twists ``z`` (N, m), (N,)."""
     body, stretch = tables.body, z[:, 3]
     (width, _, _), (rest, _) = widening(tables.law, stretch), rest_bend(tables.law, stretch)
     about_n = width * z[:, 1] - rest * body[:, REST_N]
@@ -319,22 +319,22 @@ def _check_tendons(problem: Problem, state: State) -> None:
     problem.load_work(state)
     tables = problem.tables
     path = tables.tendons[..., [ALONG_N, ALONG_B]]
-    moved = path + problem.work.offsets
-    squared = (moved * moved).sum(axis=-1)
+    displaced = path + problem.work.offsets
+    squared = (displaced * displaced).sum(axis=-1)
     farthest = np.maximum((path * path).sum(axis=-1), tables.body[:, RADIUS, np.newaxis] ** 2)
     outside = (squared > farthest) & (state.at_nodes.tensions > 0.0) & (tables.compliance > 0.0)
     _refuse(problem, outside.any(axis=1), 'press a tendon out of the body', 'its sheath is')
 
 
 def _check_stable(problem: Problem, state: State) -> None:
-    """Refuse an equilibrium without loads that is no minimum of the energy."""
+    """Refuse an equilibrium without loads that is not a minimum of the energy."""
     problem.form.sections(problem.tables, state.z, state.at_nodes.tensions, problem.work)
     least = np.linalg.eigvalsh(problem.work.hessian)[:, 0]
     _refuse(problem, ~(least > 0.0), 'bend the arm without end', 'sheaths are')
 
 
-def _refuse(problem: Problem, where: NDArray[np.bool_], effect: str, soft: str) -> None:
-    """Raise a `SolveError` at the first of the nodes ``where`` (N,), if any."""
-    if where.any():
-        at = f's = {problem.elements.s[int(np.argmax(where))]:.4g} m'
-        raise SolveError(f'tensions {effect} at {at}: {soft} too soft')
+def _refuse(problem: Problem, is_refused: NDArray[np.bool_], effect: str, soft: str) -> None:
+    """Raise SolveError with the place of the first node that ``is_refused`` (N,), if any."""
+    if is_refused.any():
+        place = f's = {problem.elements.s[int(np.argmax(is_refused))]:.4g} m'
+        raise SolveError(f'tensions {effect} at {place}: {soft} too soft')

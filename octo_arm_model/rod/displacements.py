@@ -1,18 +1,18 @@
-"""Tendons of prescribed displacement instead of tension: shapes, tensions and derivatives.
+"""Shapes, tensions and derivatives of arms with prescribed displacements of tendons.
 
 A winch that reels in D leaves its tendon of axial stiffness k [N] under the tension T with
 
     D(T) = l(0) - l(T) + T (l(0) + f) / k
 
-for its length l in the arm and f between base and winch: what the arm gives way, and what the
-tendon stretches over its whole length, with friction under what this leaves of T. A tendon that
-would have to push is slack. `winches` finds the tensions.
+where l is its length in the arm and f that between base and winch. The first two terms are the
+shortening of the path, the last one is the stretch of the whole tendon; with friction T is the
+local tension there. A tendon that would have to push is slack. `winches` finds the tensions.
 
-With D(T, p) of the taut tendons that are driven, p anything else that the shape depends on,
-D_T dT = dD - D_p dp gives what the tensions change by, and they the shape. D_T is singular where
-more tendons are taut than there are ways to deform, as four in parallel that do not twist:
-displacements that agree then leave one combination of tensions open, which changes no shape, and
-the least change of tensions is taken; those that do not agree are met by least squares.
+For the displacements D(T, p) of taut driven tendons, p any other quantity, the change of tensions
+follows from D_T dT = dD - D_p dp, and the change of the shape from dT. D_T is singular if more
+tendons are taut than the arm has ways to deform, such as four parallel ones that do not twist it.
+Then consistent displacements leave one combination of tensions undetermined, which changes no
+shape: the least change of tensions is taken. Others are met by least squares.
 """
 
 from collections.abc import Mapping
@@ -30,9 +30,9 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.solver import Solver
 
-_MET = 1e-9  # error of displacements over the length
-# Of the largest singular value of D_T: of an arm that tapers the smallest is 1e-2 to 1e-4, and
-# what is zero comes out as 1e-10 or less.
+_MET = 1e-9  # allowed error of displacements over the length
+# Singular values of D_T below this part of the largest are zero. Zeros come out as 1e-10 or less;
+# the smallest others of tapered arms are 1e-4 to 1e-2.
 _SINGULAR = 1e-8
 
 
@@ -41,10 +41,10 @@ class Wound:
     """An arm with tendons of prescribed displacement.
 
     Attributes:
-        backbone: its shape; ``backbone.tensions`` are the tensions of all tendons [N].
+        backbone: shape of the arm; ``backbone.tensions`` are the tensions of all tendons [N].
         displacement: length that the winch of each tendon has reeled in [m], of
-            `Arm.tension_shape`; of a slack one, what would make it taut, more than was asked for.
-        slack: names of tendons of prescribed displacement without tension, longer than their path.
+            `Arm.tension_shape`; for a slack one the larger length that would make it taut.
+        slack: names of tendons of prescribed displacement that are longer than their path.
         driven: whether the displacement of each tendon was prescribed, (tendons,).
     """
 
@@ -61,36 +61,36 @@ def solve_displacements(
     start: Backbone | Wound | None = None,
     tip_wrench: ArrayLike | None = None,
 ) -> Wound:
-    """Shape and tensions for some tendons wound in by length and the others held by tension.
+    """Return the shape and tensions if some tendons have given lengths, and others tensions.
 
     Args:
-        solver: of any model.
+        solver: the solver, of any model.
         displacements: length reeled in, by tendon name [m], zero for the taut unloaded arm;
             negative for length paid out.
         tensions: tension by tendon name [N]; zero for those named in neither.
         start: solution to begin from; one of this function takes less time. Tendons with friction
             slide from their tensions there, without one from slack.
-        tip_wrench: as of `Solver.solve`.
+        tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m]; None for zero.
 
     Raises:
-        TensionError: if a tendon is unknown, named in both, or a value is impossible, as of a
-            displacement that is longer than what there is to reel in.
-        ConvergenceError: if no tensions were found that hold these lengths; a `ContinuationError`
-            if that would take more time than the budget of one solve.
-        OctoArmError: as `Solver.solve`.
+        TensionError: if a tendon is unknown, named in both, or a value is impossible, such as a
+            displacement that is longer than the tendon.
+        ConvergenceError: if no tensions are found that hold these lengths; a `ContinuationError`
+            if the search would take more than the budget of one solve.
+        OctoArmError: if the tip wrench is invalid, or the shape is not trustworthy.
     """
     check_class('solver', solver, Solver)
-    arm, given = solver.arm, {} if tensions is None else tensions
-    check_displacements(arm, displacements, given)
+    arm, by_name = solver.arm, {} if tensions is None else tensions
+    check_displacements(arm, displacements, by_name)
     driven = np.array([name in displacements for name in arm.tendon_names])
-    wanted = np.array([displacements.get(name, 0.0) for name in arm.tendon_names])
-    solver.check_displacements(wanted[driven], np.flatnonzero(driven).tolist())
-    held = np.array([given.get(name, 0.0) for name in arm.tendon_names])
-    known = start.backbone if isinstance(start, Wound) else start
+    lengths = np.array([displacements.get(name, 0.0) for name in arm.tendon_names])
+    solver.check_displacements(lengths[driven], np.flatnonzero(driven).tolist())
+    held_tensions = np.array([by_name.get(name, 0.0) for name in arm.tendon_names])
+    initial = start.backbone if isinstance(start, Wound) else start
     with solver.together():
-        backbone, reached = solver.wind(wanted, driven, held, tip_wrench, known)
+        backbone, reached = solver.wind(lengths, driven, held_tensions, tip_wrench, initial)
     is_slack = driven & (backbone.tensions.ravel() == 0.0)
-    is_slack &= reached > wanted + _MET * arm.length
+    is_slack &= reached > lengths + _MET * arm.length
     slack = tuple(arm.tendon_names[tendon] for tendon in np.flatnonzero(is_slack).tolist())
     return Wound(backbone, reached.reshape(arm.tension_shape), slack, driven)
 
@@ -98,14 +98,14 @@ def solve_displacements(
 def check_displacements(
     arm: Arm, displacements: Mapping[str, float], tensions: Mapping[str, float]
 ) -> None:
-    """Check that both are finite, and of different tendons of ``arm``.
+    """Check that the values are finite, and of different tendons of ``arm``.
 
     Raises:
-        TensionError: if not; the message names the tendon.
+        TensionError: if they are not; the message names the tendon.
     """
-    for what, given in (('displacements', displacements), ('tensions', tensions)):
-        if not isinstance(given, Mapping):
-            raise TensionError(f'{what} are {shown(given)}, expected a dict by names of tendons')
+    for kind, values in (('displacements', displacements), ('tensions', tensions)):
+        if not isinstance(values, Mapping):
+            raise TensionError(f'{kind} are {shown(values)}, expected a dict by names of tendons')
     names = frozenset(arm.tendon_names)
     for name in [*displacements, *tensions]:
         if name not in names:
@@ -113,14 +113,14 @@ def check_displacements(
             raise TensionError(f'unknown tendon {listed([str(name)])}; this arm has {known}')
     if both := sorted(displacements.keys() & tensions.keys()):
         raise TensionError(f'tendon {both[0]} has both a displacement and a tension')
-    for what, given, unit in (('displacement', displacements, 'm'), ('tension', tensions, 'N')):
-        for name, value in given.items():
-            # Of larger ones the squares are beyond the range of floats.
+    for kind, values, unit in (('displacement', displacements, 'm'), ('tension', tensions, 'N')):
+        for name, value in values.items():
+            # The squares of larger ones are beyond the range of floats.
             try:
                 finite(name, value)
             except ArmDefinitionError:
                 raise TensionError(
-                    f'{what} of {name} is {shown(value)} {unit}, expected a finite number of at '
+                    f'{kind} of {name} is {shown(value)} {unit}, expected a finite number of at '
                     f'most {LARGEST:g}'
                 ) from None
 
@@ -129,7 +129,7 @@ def check_displacements(
 
 
 def displacements_of(solver: Solver, backbone: Backbone) -> FloatArray:
-    """See `Solver.displacements`."""
+    """Return the lengths reeled in at the shape ``backbone`` [m], of `Arm.tension_shape`."""
     check_class('solver', solver, Solver)
     return solver.displacements(backbone)
 
@@ -139,14 +139,14 @@ def displacements_of(solver: Solver, backbone: Backbone) -> FloatArray:
 
 @dataclass(frozen=True)
 class WoundSensitivity:
-    """First derivatives of a `Wound`, none of which changes what is slack.
+    """The first derivatives of a `Wound`, while the same tendons stay slack.
 
     Attributes:
-        by_displacement: per metre that each tendon is reeled in; zero of those that are slack or
-            not driven.
-        tension: change of all tensions by these [N/m], (tendons, tendons).
-        held: per unit of all else, with the displacements of driven tendons held and the tensions
-            of the others.
+        by_displacement: derivatives by the length that each tendon is reeled in [m]; zero for
+            tendons that are slack or not driven.
+        tension: derivatives of all tensions by these lengths [N/m], (tendons, tendons).
+        held: derivatives by other quantities, for constant displacements of driven tendons and
+            constant tensions of the others.
     """
 
     by_displacement: Change
@@ -154,35 +154,35 @@ class WoundSensitivity:
     held: Sensitivity
 
     def tip_covariance(self, uncertainty: Uncertainty) -> FloatArray:
-        """Covariance of the tip's position [m] and rotation vector [rad] in base_frame, (6, 6).
+        """Return the covariance of the tip's position [m] and rotation [rad] in base_frame.
 
         Raises:
-            ConfigError: if the model has no derivative by something that is uncertain.
+            ConfigError: if the model has no derivative by a quantity that is uncertain.
         """
         tip = uncertainty.displacement * self.by_displacement.tip
         return self.held.tip_covariance(uncertainty) + tip @ tip.T
 
 
 def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
-    """Of a ``wound`` arm of ``solver``.
+    """Return the derivatives of a ``wound`` arm of ``solver``.
 
-    Where a tendon is just about to get slack these are the derivatives on the side of its tension.
+    If a tendon is about to get slack, they are those on the side of its tension.
 
     Raises:
-        OctoArmError: as `Solver.sensitivity`.
+        OctoArmError: if the equilibrium has no sensitivities.
     """
     check_class('solver', solver, Solver)
     check_class('wound', wound, Wound)
-    found = solver.sensitivity(wound.backbone)
+    sensitivity = solver.sensitivity(wound.backbone)
     tensions = wound.backbone.tensions.ravel()
     taut = np.flatnonzero(wound.driven & (tensions > 0.0))
-    by_tension = found.by_tension
+    by_tension = sensitivity.by_tension
     changes = _reeled_in(solver, by_tension, np.eye(tensions.size))
     tension = np.zeros((tensions.size, tensions.size))
     tension[np.ix_(taut, taut)] = np.linalg.pinv(changes[np.ix_(taut, taut)], _SINGULAR)
 
     def held(name: str) -> Any:
-        change = getattr(found, f'by_{name}')
+        change = getattr(sensitivity, f'by_{name}')
         if change is None:
             return None
         reeled_in = changes if name == 'tension' else _reeled_in(solver, change)
@@ -194,15 +194,15 @@ def wound_sensitivity(solver: Solver, wound: Wound) -> WoundSensitivity:
     others = Sensitivity(**{f'by_{name}': held(name) for name in at_once}, find=held)
     for array in vars(others.by_tension).values():
         if array is not None:
-            array[..., wound.driven] = 0.0  # they follow from the displacements
+            array[..., wound.driven] = 0.0  # tensions that follow from displacements
     return WoundSensitivity(_combined(None, by_tension, tension), tension, others)
 
 
 def _reeled_in(solver: Solver, change: Change, at_base: FloatArray | float = 0.0) -> FloatArray:
-    """Change of all displacements [m], (tendons, quantities), with a ``change`` of the shape.
+    """Return the change of all displacements, (tendons, quantities) [m], by that of the shape.
 
-    And with one of the tensions ``at_base`` (tendons, quantities) [N]; that of unloaded lengths
-    comes besides.
+    Tensions at the base change by ``at_base`` (tendons, quantities) [N]. A change of unloaded
+    lengths is not included.
     """
     arm, rest = solver.arm, solver.rest_lengths.reshape(-1, 1)
     mean = at_base if change.tendon_tension is None else change.tendon_tension
@@ -212,7 +212,7 @@ def _reeled_in(solver: Solver, change: Change, at_base: FloatArray | float = 0.0
 
 
 def _combined(change: Change | None, by_tension: Change, tension: FloatArray) -> Change:
-    """A ``change``, if any, and what comes of that of the ``tension`` (tendons, quantities)."""
+    """Return a ``change``, if any, plus that by a change of ``tension`` (tendons, quantities)."""
     parts: list[Any] = [
         None if part is None else part @ tension for part in vars(by_tension).values()
     ]

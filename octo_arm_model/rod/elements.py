@@ -1,8 +1,8 @@
-"""Where the nodes of a rod are: Gauss-Legendre points of elements that follow its radius.
+"""The elements of a rod, whose Gauss-Legendre points are the nodes.
 
-Strains are smooth within an element, as every anchorage, knot and load is at its edge, and vary
-over lengths in proportion to the radius. So elements have lengths in that proportion: a taper
-needs no more of them than a cylinder.
+Strains are smooth within an element, as every anchorage, knot and load is at its edge. They vary
+over lengths in proportion to the radius, so elements have lengths in this proportion: a tapered
+arm needs no more of them than a cylinder.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import BoolArray, FloatArray, IntArray
 from octo_arm_model.arm.limits import MAX_INTERVALS, MAX_NODES
 
-# Least number of elements, and the part of the ratio of radii that each takes: an arm that tapers
-# to an eighth has one for each factor of `_TAPER`.
+# Least number of elements, and the ratio of radii in an element: an arm that tapers has at least
+# one for each factor of `_TAPER`.
 _FEWEST = 3
 _TAPER = 1.5
-# Elements and points of each level of refinement: how many parts every element is cut into, and
-# how many points more than `_points` has.
+# Refinement of each level: the number of parts that every element is cut into, and the number of
+# points to add to that of `_points`.
 LEVELS = ((1, 0), (1, 3), (2, 3), (4, 3), (8, 3))
-# Of a tendon about the midline, or of the arm, in an element, so that its nodes show all of them.
+# Largest number of turns of a tendon about the midline, or of the arm, that an element resolves.
 MOST_TURNS = 1.0
-COARSE = -1  # level of few nodes, to follow arms on
+COARSE = -1  # level of few nodes, for the continuation of equilibria
 _COARSE_POINTS = 4
-# Parts of each element, and points of each part, where tendons slide: tensions have kinks.
+# Parts of each element, and points of each part, for tensions with friction, which have kinks.
 FINE = 12, 4
-_SAMPLES = 101  # at which the thickness is looked at
+_SAMPLES = 101  # number of places at which the thickness is checked
 # Lengths with a smaller relative difference are equal up to rounding.
 SAME_LENGTH = 1e-9
-MOST_KNOTS = 48  # of profiles, which cost convergence only where elements contain them
+MOST_KNOTS = 48  # largest number of knots of profiles at edges; others only slow convergence
 
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Elements and nodes of one arm.
+    """The elements and nodes of one arm.
 
     Attributes:
         edges: arc coordinates of the ends of elements [m], (E + 1,).
-        rule: the points of each.
+        rule: Gauss rule of each element.
         sections: section of each element, from the tip; 0 beyond the last anchorage, (E,).
         sharp: whether strains may jump at the start of each element, (E,).
     """
@@ -58,7 +58,7 @@ class Elements:
 
     @functools.cached_property
     def lengths(self) -> FloatArray:
-        """(E,) [m]."""
+        """Lengths of the elements [m], (E,)."""
         return np.diff(self.edges)
 
     @functools.cached_property
@@ -69,7 +69,7 @@ class Elements:
 
     @functools.cached_property
     def weights(self) -> FloatArray:
-        """Of the integral along the arm [m], (N,)."""
+        """Weights of the integral along the arm [m], (N,)."""
         return np.outer(self.lengths, self.rule.weights).ravel()
 
     @property
@@ -84,12 +84,12 @@ class Elements:
 
     @functools.cached_property
     def to_tip(self) -> FloatArray:
-        """The same from each node to the tip."""
+        """Matrix of integrals from each node to the tip, (N, N) [m]."""
         return np.asarray(self.weights - self.from_base)
 
     @functools.cached_property
     def fine(self) -> Elements:
-        """Each cut into `FINE` equal parts, whose points resolve kinks."""
+        """Elements that are cut into `FINE` equal parts, whose points resolve kinks."""
         parts, points = FINE
         starts = self.edges[:-1, np.newaxis] + np.outer(self.lengths, np.arange(parts) / parts)
         sharp = np.zeros(starts.shape, np.bool_)
@@ -98,23 +98,23 @@ class Elements:
         return Elements(edges, gauss_rule(points), sections, sharp.ravel())
 
     def element_at(self, s: FloatArray) -> IntArray:
-        """Element of each place ``s`` (n,) [m]; at an edge the one towards the base."""
+        """Return the element of each place ``s`` (n,) [m]; at an edge the one towards the base."""
         inner = self.edges[1:-1]
         slack = 1e-12 * self.edges[-1]
-        found: IntArray = np.searchsorted(inner, s - slack)
-        return found
+        element: IntArray = np.searchsorted(inner, s - slack)
+        return element
 
     def interpolation(self, s: FloatArray) -> FloatArray:
-        """Matrix (n, N) from values at the nodes to those at places ``s`` (n,) [m]."""
+        """Return the matrix (n, N) from values at the nodes to those at places ``s`` (n,) [m]."""
         return self._spread(s, self.rule.interpolate)
 
     def integration(self, s: FloatArray) -> FloatArray:
-        """Matrix (n, N) from values at the nodes to integrals from the base to ``s`` (n,) [m]."""
+        """Return the matrix (n, N) from values at the nodes to integrals from base to ``s``."""
         element = self.element_at(s)
         matrix = self._spread(s, self.rule.integrate) * np.repeat(self.lengths, self.points)
         before = np.arange(self.lengths.size) < element[:, np.newaxis]
         matrix += np.repeat(before, self.points, axis=1) * self.weights
-        # Exactly nothing up to the base.
+        # Integrals up to the base are exactly zero.
         return matrix * (s > 0.0)[:, np.newaxis]
 
     @property
@@ -123,7 +123,7 @@ class Elements:
         return self.rule.points.size
 
     def _spread(self, s: FloatArray, of: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Rows of a matrix of the `GaussRule`, each in the columns of the element of its place."""
+        """Put rows of a matrix of the `GaussRule` in the columns of the element of each place."""
         element = self.element_at(s)
         inside = of((s - self.edges[element]) / self.lengths[element])
         matrix = np.zeros((s.size, self.lengths.size, self.points))
@@ -138,37 +138,37 @@ def build_elements(
     level: int = 0,
     added: int = 0,
 ) -> Elements:
-    """Elements of ``arm`` of a ``level`` of `LEVELS`, or `COARSE`.
+    """Return the elements of ``arm`` on a ``level`` of `LEVELS`, or `COARSE`.
 
-    Loads begin, end or jump at ``breaks`` and are not smooth at ``knots`` [m]. So many points are
-    ``added`` to each element.
+    Loads begin, end or jump at ``breaks`` and are not smooth at ``knots`` [m]. The number
+    ``added`` is that of additional points in each element.
 
     Raises:
-        ConfigError: if the arm is too thin for its length, or the fewest nodes are too many.
+        ConfigError: if the arm is too thin for its length, or needs too many nodes.
     """
-    cuts, more = LEVELS[max(level, 0)]
+    cuts, extra = LEVELS[max(level, 0)]
     check_thickness(arm)
     edges = _edges(arm, breaks, knots)
     # Equal parts of this coordinate have lengths in proportion to the radius.
     s, coordinate = _graded(arm, edges)
     at_edges = np.interp(edges, s, coordinate)
-    each = _share(arm, edges, at_edges)
-    stops = _stops(edges, at_edges, each, s, coordinate)
+    counts = _share(arm, edges, at_edges)
+    stops = _stops(edges, at_edges, counts, s, coordinate)
     turns = np.minimum(np.ceil(_turns(arm, stops) / MOST_TURNS), MAX_NODES)
-    first = np.append(0, np.cumsum(each)[:-1])
-    each *= np.maximum(np.maximum.reduceat(turns, first), 1.0).astype(np.int64)
-    points = _points(int(each.sum())) + more if level >= 0 else _COARSE_POINTS
-    if (fewest := int(each.sum()) * _points(int(each.sum()))) > MAX_NODES:
+    first = np.append(0, np.cumsum(counts)[:-1])
+    counts *= np.maximum(np.maximum.reduceat(turns, first), 1.0).astype(np.int64)
+    points = _points(int(counts.sum())) + extra if level >= 0 else _COARSE_POINTS
+    if (fewest := int(counts.sum()) * _points(int(counts.sum()))) > MAX_NODES:
         raise ConfigError(
             f'this arm takes {fewest} nodes, at most {MAX_NODES} are allowed: it has too many '
             'sections, loads, tabulated points or turns of tendons'
         )
-    stops = _stops(edges, at_edges, each * cuts, s, coordinate)
+    stops = _stops(edges, at_edges, counts * cuts, s, coordinate)
     middles = 0.5 * (stops[:-1] + stops[1:])
     anchorages = np.array([section.anchorage for section in arm.sections])
     sections = (anchorages > middles[:, np.newaxis]).sum(axis=1)
     sharp = np.zeros(middles.size, np.bool_)
-    sharp[np.cumsum(each * cuts)[:-1]] = True
+    sharp[np.cumsum(counts * cuts)[:-1]] = True
     return Elements(stops, gauss_rule(points + added), sections, sharp)
 
 
@@ -189,39 +189,40 @@ def check_thickness(arm: Arm) -> None:
 
 
 def _edges(arm: Arm, breaks: tuple[float, ...], knots: tuple[float, ...]) -> FloatArray:
-    """Where elements end at any rate, (edges,) [m]."""
-    found = panel_ends(arm, breaks, arm.discs.faces)
-    smooth = _apart({*arm.knots, *knots}, found, arm.length)
+    """Return the places at which elements have to end, (edges,) [m]."""
+    edges = panel_ends(arm, breaks, arm.discs.faces)
+    smooth = _apart({*arm.knots, *knots}, edges, arm.length)
     if len(smooth) > MOST_KNOTS:
         step = len(smooth) / MOST_KNOTS
         smooth = [smooth[int(step * number)] for number in range(MOST_KNOTS)]
     for knot in smooth:
-        bisect.insort(found, knot)
-    return np.array(found)
+        bisect.insort(edges, knot)
+    return np.array(edges)
 
 
 def panel_ends(arm: Arm, breaks: tuple[float, ...], others: tuple[float, ...] = ()) -> list[float]:
-    """Ends and anchorages of ``arm``, ``others``, and ``breaks`` at none of these, sorted [m]."""
+    """Return ends and anchorages of ``arm``, ``others``, and different ``breaks``, sorted [m]."""
     ends = {0.0, arm.length, *(section.anchorage for section in arm.sections), *others}
     return sorted(ends.union(_apart(breaks, sorted(ends), arm.length)))
 
 
 def _apart(places: Iterable[float], others: Sequence[float], length: float) -> list[float]:
-    """The first of ``places`` that coincide with each other but none of ``others``, sorted."""
-    known = sorted(others)
-    found = []
+    """Return those of ``places`` that differ from each other and from ``others``, sorted."""
+    taken = sorted(others)
+    distinct = []
     for place in sorted(places):
-        after = bisect.bisect(known, place)
+        after = bisect.bisect(taken, place)
         if all(
-            abs(one - place) > SAME_LENGTH * length for one in known[max(after - 1, 0) : after + 1]
+            abs(near - place) > SAME_LENGTH * length
+            for near in taken[max(after - 1, 0) : after + 1]
         ):
-            known.insert(after, place)
-            found.append(place)
-    return found
+            taken.insert(after, place)
+            distinct.append(place)
+    return distinct
 
 
 def _graded(arm: Arm, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places (n,) [m] and the integral of ds / R up to each, (n,) [-]."""
+    """Return places (n,) [m] and the integral of ds / R up to each, (n,) [-]."""
     s = np.unique(np.concatenate([edges, np.linspace(0.0, arm.length, 513)]))
     inverse = 1.0 / arm.body.radius(s)
     parts = 0.5 * np.diff(s) * (inverse[:-1] + inverse[1:])
@@ -229,7 +230,7 @@ def _graded(arm: Arm, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _share(arm: Arm, edges: FloatArray, at_edges: FloatArray) -> IntArray:
-    """How many elements there are between neighbouring ``edges``, at least one."""
+    """Return the number of elements between neighbouring ``edges``, at least one."""
     radius = arm.body.radius(edges)
     taper = np.abs(np.diff(np.log(radius))).sum() / math.log(_TAPER)
     total = max(float(_FEWEST), taper + 1.0)
@@ -238,24 +239,21 @@ def _share(arm: Arm, edges: FloatArray, at_edges: FloatArray) -> IntArray:
 
 
 def _stops(
-    edges: FloatArray, at_edges: FloatArray, each: IntArray, s: FloatArray, coordinate: FloatArray
+    edges: FloatArray, at_edges: FloatArray, parts: IntArray, s: FloatArray, coordinate: FloatArray
 ) -> FloatArray:
-    """Ends of elements [m]: ``each`` equal parts of the ``coordinate`` between ``edges``."""
+    """Return ends of elements [m]: ``parts`` equal parts of the coordinate between ``edges``."""
     inside = [
         np.linspace(first, last, count + 1)[:-1]
-        for first, last, count in zip(at_edges[:-1], at_edges[1:], each)
+        for first, last, count in zip(at_edges[:-1], at_edges[1:], parts)
     ]
     stops = np.interp(np.append(np.concatenate(inside), at_edges[-1]), coordinate, s)
-    # Not by rounding only: tendons end exactly there.
-    stops[np.append(0, np.cumsum(each))] = edges
+    # Rounding errors are removed, as tendons end exactly at the edges.
+    stops[np.append(0, np.cumsum(parts))] = edges
     return np.asarray(stops)
 
 
 def _turns(arm: Arm, stops: FloatArray) -> FloatArray:
-    """Turns, in each element, of the tendon that winds most about the midline, (E,).
-
-    Or of the arm itself at rest, where these are more.
-    """
+    """Return the largest number of turns, in each element, of a tendon or of the arm, (E,)."""
     s = np.unique(np.concatenate([stops, np.linspace(0.0, arm.length, 513)]))
     wound = np.zeros((len(arm.tendons) + 1, s.size))
     for row, tendon, number in zip(wound, arm.tendons, arm.tendon_section.tolist()):
@@ -268,7 +266,7 @@ def _turns(arm: Arm, stops: FloatArray) -> FloatArray:
 
 
 def _points(elements: int) -> int:
-    """Points in each of so many ``elements``: fewer where these are many, and so short."""
+    """Return the number of points in each of so many ``elements``: fewer if these are short."""
     for most, points in ((6, 8), (12, 7), (24, 6), (48, 5), (96, 4)):
         if elements <= most:
             return points
@@ -281,15 +279,15 @@ _legendre = np.polynomial.legendre
 
 
 class GaussRule(NamedTuple):
-    """Gauss points of [0, 1] and matrices that integrate values at them.
+    """The Gauss points of [0, 1], and matrices that integrate values at them.
 
     Attributes:
         points: c, (n,).
         weights: b, quadrature weights over [0, 1], (n,).
         from_start: a, matrix from a column of values to integrals from 0 to each point, (n, n).
-        to_end: b - a, likewise to integrals from each point to 1, (n, n).
-        coefficients: likewise to Legendre coefficients, (n, n).
-        antiderivatives: likewise to those of the integral from 0, (n + 1, n).
+        to_end: b - a, matrix from values to integrals from each point to 1, (n, n).
+        coefficients: matrix from values to Legendre coefficients, (n, n).
+        antiderivatives: matrix from values to coefficients of the integral from 0, (n + 1, n).
     """
 
     points: FloatArray
@@ -306,19 +304,19 @@ class GaussRule(NamedTuple):
         return np.asarray(_legendre.legvander(2.0 * self.points - 1.0, len(slopes) - 1) @ slopes)
 
     def interpolate(self, targets: FloatArray) -> FloatArray:
-        """Matrix (m, n) from values at the points to values at ``targets`` (m,)."""
-        at = _legendre.legvander(2.0 * targets - 1.0, self.points.size - 1)
-        return np.asarray(at @ self.coefficients)
+        """Return the matrix (m, n) from values at the points to those at ``targets`` (m,)."""
+        values = _legendre.legvander(2.0 * targets - 1.0, self.points.size - 1)
+        return np.asarray(values @ self.coefficients)
 
     def integrate(self, targets: FloatArray) -> FloatArray:
-        """Matrix (m, n) from values at the points to integrals from 0 to ``targets`` (m,)."""
-        at = _legendre.legvander(2.0 * targets - 1.0, self.points.size)
-        return np.asarray(at @ self.antiderivatives)
+        """Return the matrix (m, n) from values at points to integrals from 0 to ``targets``."""
+        values = _legendre.legvander(2.0 * targets - 1.0, self.points.size)
+        return np.asarray(values @ self.antiderivatives)
 
 
 @functools.cache
 def gauss_rule(count: int) -> GaussRule:
-    """The rule of ``count`` Gauss-Legendre points."""
+    """Return the rule of ``count`` Gauss-Legendre points."""
     x, weights = _legendre.leggauss(count)
     points, weights = 0.5 * (x + 1.0), np.asarray(0.5 * weights, dtype=np.float64)
     coefficients = np.asarray(np.linalg.inv(_legendre.legvander(x, count - 1)), np.float64)

@@ -1,9 +1,9 @@
-"""Loads at the nodes: what they put on every node, and what they add to the Jacobian.
+"""Loads at the nodes: their resultants beyond every node, and their part of the Jacobian.
 
-Dead loads are fixed in base_frame, others of a user's own kind, `arm.loads.Load`. Loads per length
-that depend on where the arm is, as of obstacles, change with the turn phi = int R d kappa of a
-section and its displacement dr = int (phi x r' + R d v), where int is the integral from the base:
-a density of force f and of moment m changes the wrench beyond each node by
+Dead loads are fixed in base_frame; others are of a user's own kind, `arm.loads.Load`. Loads per
+length that depend on the shape, such as contact, change with the turn phi = int R d kappa of a
+section and its displacement dr = int (phi x r' + R d v), where int is the integral from the base.
+A density of force f and of moment m changes the wrench beyond each node by
 
     dF = int' df,    dM = int' (r' x dF + dm),
 
@@ -28,7 +28,7 @@ from octo_arm_model.rod.tables import Work
 
 
 class DeadLoads:
-    """Force and free moment of dead loads beyond every node, without the wrench on the tip.
+    """The force and free moment of dead loads beyond every node, without the tip wrench.
 
     Attributes:
         has_moments: whether a point load has a moment, which has no energy.
@@ -40,13 +40,13 @@ class DeadLoads:
         self._scaled: ScaledLoads | None = loads.scaled
         parts = loads.scaled.loads if loads.scaled is not None else ()
         self._parts = [self.tabulate(arm, elements, part) for part in parts]
-        points = [point for one in (loads, *parts) for point in one.points]
+        points = [point for group in (loads, *parts) for point in group.points]
         self.has_moments = any(any(point.moment) for point in points)
 
     def at(self, factor: float, tip_wrench: FloatArray) -> FloatArray:
-        """Force and free moment beyond every node, (2, N, 3) [N, N m], in base_frame.
+        """Return force and free moment beyond every node, (2, N, 3) [N, N m], in base_frame.
 
-        ``factor`` times the loads, and the ``tip_wrench`` (6,) on the tip.
+        They are those of ``factor`` times the loads, and of the ``tip_wrench`` (6,).
         """
         total = self._fixed
         if self._scaled is not None:
@@ -55,22 +55,22 @@ class DeadLoads:
         return np.asarray(factor * total + tip_wrench.reshape(2, 1, 3))
 
     def tabulate(self, arm: Arm, elements: Elements, loads: Loads) -> FloatArray:
-        """Force and free moment of other dead ``loads`` at the same nodes, as `at`, (2, N, 3)."""
-        found = np.zeros((2, elements.s.size, 3))
-        found[0] = elements.to_tip @ force_per_length(arm, elements.s, loads)
+        """Return force and free moment of dead ``loads`` beyond every node, (2, N, 3)."""
+        resultants = np.zeros((2, elements.s.size, 3))
+        resultants[0] = elements.to_tip @ force_per_length(arm, elements.s, loads)
         for point in loads.points:
             # No node lies at a load; one at the base acts on no section.
             beyond = elements.s < point.s
-            found[0, beyond] += point.force
-            found[1, beyond] += point.moment
-        return found
+            resultants[0, beyond] += point.force
+            resultants[1, beyond] += point.moment
+        return resultants
 
 
 def force_per_length(arm: Arm, s: FloatArray, loads: Loads) -> FloatArray:
-    """Weight, buoyancy and distributed ``loads`` on ``arm`` at ``s`` (n,) [m], (n, 3) [N/m].
+    """Return weight, buoyancy and distributed ``loads`` at ``s`` (n,) [m], (n, 3) [N/m].
 
     Raises:
-        ArmDefinitionError: if gravity acts on an arm of no density.
+        ArmDefinitionError: if gravity acts on an arm without density.
     """
     if any(loads.gravity) and not arm.material.density:
         raise ArmDefinitionError(
@@ -91,26 +91,26 @@ def force_per_length(arm: Arm, s: FloatArray, loads: Loads) -> FloatArray:
 
 
 class NodeRod:
-    """The rod as it is at the nodes, a `DeformedRod`; arrays end in the nodes.
+    """The deformed rod at the nodes, a `DeformedRod`; the last axis of arrays is the nodes.
 
     Attributes:
         s: arc coordinates of the nodes [m], (N,).
     """
 
     def __init__(self, loads: OtherLoads, quaternion: FloatArray, z: FloatArray) -> None:
-        """Of orientations ``quaternion`` (N, 4), w, x, y, z, and twists ``z`` (N, m)."""
+        """Store orientations ``quaternion`` (N, 4), w, x, y, z, and twists ``z`` (N, m)."""
         self._loads, self._quaternion, self._z = loads, quaternion, z
         self.s = loads.elements.s
 
     def rotation_at(self, s: float) -> FloatArray:
-        """Orientation (3, 3) of the cross section at ``s`` [m], columns t, n and b."""
-        # By an integral, as that is far more exact at the ends of elements than interpolation.
-        found = self._loads.base + self._loads.up_to(s) @ self._rates
-        found /= np.sqrt(found @ found)
-        return np.asarray(rotation_matrices(found[:, np.newaxis])[..., 0])
+        """Return the orientation (3, 3) of the section at ``s`` [m], columns t, n and b."""
+        # An integral is far more exact at the ends of elements than interpolation.
+        quaternion = self._loads.base + self._loads.up_to(s) @ self._rates
+        quaternion /= np.sqrt(quaternion @ quaternion)
+        return np.asarray(rotation_matrices(quaternion[:, np.newaxis])[..., 0])
 
     def integrate_from_tip(self, values: FloatArray) -> FloatArray:
-        """Integral along s of ``values`` (..., N) from each node to the tip."""
+        """Return the integral along s of ``values`` (..., N) from each node to the tip."""
         return np.asarray(values @ self._loads.elements.to_tip.T)
 
     @functools.cached_property
@@ -125,7 +125,7 @@ class OtherLoads:
 
     Attributes:
         loads: the loads.
-        elements: of the nodes.
+        elements: elements with the nodes.
         base: orientation of the base, w, x, y, z, (4,).
         up_to: for an arc coordinate [m], the row (N,) of the integral from the base to it.
         without_tangent: name of a load that states no tangent stiffness, or ''.
@@ -144,12 +144,12 @@ class OtherLoads:
         )
 
     def straight(self) -> NodeRod:
-        """The straight rod."""
+        """Return the straight rod."""
         nodes = self.elements.s.size
         return NodeRod(self, np.tile(self.base, (nodes, 1)), np.zeros((nodes, 4)))
 
     def resultants(self, rod: NodeRod) -> FloatArray:
-        """Force and free moment of all beyond every node, in base_frame, (2, N, 3) [N, N m]."""
+        """Return force and free moment of all loads beyond every node, (2, N, 3) [N, N m]."""
         total = np.zeros((2, self.elements.s.size, 3))
         for load in self.loads:
             force, moment = load.resultants(rod)
@@ -158,7 +158,7 @@ class OtherLoads:
         return total
 
     def add_tangents(self, factor: float, z: FloatArray, work: Work) -> None:
-        """Add what ``factor`` times the loads add to the Jacobian at ``z``, in ``work``."""
+        """Add derivatives of ``factor`` times the loads at ``z`` to the Jacobian in ``work``."""
         rod = NodeRod(self, work.quaternion, z)
         for load in self.loads:
             for tangent in load.tangents(rod) or ():
@@ -176,11 +176,11 @@ class OtherLoads:
         columns[:, :3] = self.up_to(tangent.s)[:, np.newaxis, np.newaxis] * inverse
         work.jacobian[:] -= rows.reshape(-1, 3) @ columns.reshape(-1, 3).T
 
-    def require_tangents(self, what: str) -> None:
-        """Refuse ``what`` needs the tangent stiffness of every load, if one states none."""
+    def require_tangents(self, purpose: str) -> None:
+        """Raise LoadError if a load states no tangent stiffness, which a ``purpose`` needs."""
         if self.without_tangent:
             raise LoadError(
-                f'{self.without_tangent} states no tangent stiffness, which {what} needs'
+                f'{self.without_tangent} states no tangent stiffness, which {purpose} needs'
             )
 
     def _up_to(self, s: float) -> FloatArray:
@@ -191,13 +191,13 @@ class OtherLoads:
 
 
 class LocalTangents(NamedTuple):
-    """Derivatives of densities of force and moment by displacement and turn there, (P, 3, 3) each.
+    """The derivatives of densities of force and moment at P points, (P, 3, 3) each.
 
     Attributes:
-        force_by_place: [N/m^2]; those after it are None where they are zero.
-        force_by_turn: [N/m].
-        moment_by_place: [N/m].
-        moment_by_turn: [N].
+        force_by_place: force by displacement [N/m^2]; the next ones are None if they are zero.
+        force_by_turn: force by rotation [N/m].
+        moment_by_place: moment by displacement [N/m].
+        moment_by_turn: moment by rotation [N].
         between: matrix (P, N) from values at the nodes to those at P points; None where these are
             the nodes.
         back: matrix (N, P) from densities at the points to those at the nodes that do the same
@@ -213,9 +213,9 @@ class LocalTangents(NamedTuple):
 
 
 def kinematics(from_base: FloatArray, work: Work, strains: int) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of turns of sections and of r' by the twists in ``work``, (N, 3, N m).
+    """Return the derivatives of turns of sections and of r' by the twists, (N, 3, N m).
 
-    With the integrals ``from_base`` (N, N) to each node.
+    ``from_base`` (N, N) is the matrix of integrals to each node; the shape is in ``work``.
     """
     nodes = len(work.slope)
     columns = np.zeros((nodes, 3, nodes, strains))
@@ -231,7 +231,7 @@ def kinematics(from_base: FloatArray, work: Work, strains: int) -> tuple[FloatAr
 def add_tangents(
     elements: Elements, work: Work, strains: int, tangents: Sequence[LocalTangents]
 ) -> None:
-    """Add what loads of such ``tangents`` do to the Jacobian in ``work``."""
+    """Add the derivatives of loads with these ``tangents`` to the Jacobian in ``work``."""
     turn, slope = kinematics(elements.from_base, work, strains)
     move = along(elements.from_base, slope)
     force, moment = np.zeros_like(move), np.zeros_like(move)
@@ -254,7 +254,7 @@ def add_tangents(
 def in_sections(
     rotation: FloatArray, force: FloatArray, moment: FloatArray, strains: int
 ) -> FloatArray:
-    """A ``force`` and a ``moment`` (N, 3, k) in the axes of sections as a residual, (N, m, k)."""
+    """Return ``force`` and ``moment`` (N, 3, k) in the axes of sections, (N, m, k)."""
     inverse = rotation.swapaxes(1, 2)
     return np.concatenate([inverse @ moment, inverse[:, : strains - 3] @ force], axis=1)
 
@@ -266,12 +266,12 @@ def _density(
     turned: FloatArray,
     back: FloatArray | None,
 ) -> FloatArray:
-    """Change of a density at the nodes, (N, 3, n)."""
+    """Return the change of a density at the nodes, (N, 3, n)."""
     parts = [by @ to for by, to in ((by_place, moved), (by_turn, turned)) if by is not None]
     total = parts[0] if len(parts) == 1 else parts[0] + parts[1]
     return total if back is None else along(back, total)
 
 
 def along(matrix: FloatArray, values: FloatArray) -> FloatArray:
-    """``matrix`` (n, P) times ``values`` (P, c, k)."""
+    """Return a ``matrix`` (n, P) times ``values`` (P, c, k)."""
     return (matrix @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])

@@ -1,6 +1,6 @@
-"""Tables of an arm at its nodes, and the arrays that the node functions fill in.
+"""Tables of an arm at its nodes, and the arrays that the node functions compute.
 
-Both are plain arrays in one tuple each, as numba takes time for every argument of a call.
+Each is one tuple of plain arrays, as numba takes time for every argument of a call.
 """
 
 import functools
@@ -18,19 +18,19 @@ AXIAL, TORSION, SQUARED_N, SQUARED_B, SHEAR, LEVER, RADIUS, REST_T, REST_N, REST
 # Columns of `Tables.tendons`.
 ALONG_N, ALONG_B, SLOPE_N, SLOPE_B = range(4)
 _RIGID = 1e6  # stiffness of discs over that of the body in them
-_LEAST_SCALE = 1e-4  # of E A: forces below a part of it are rounding
+_LEAST_SCALE = 1e-4  # part of E A in the scale of residuals, as forces far below are rounding
 
 
 class Tables(NamedTuple):
-    """An arm at N nodes in E elements of p points, with J tendons.
+    """The tables of an arm with J tendons at N nodes, in E elements of p points.
 
     Attributes:
         law: number of the elastic law, see `arm.material.LAWS`.
         lengths: reference lengths of the elements [m], (E,).
-        weights: of the integral along the arm [m], (N,).
+        weights: weights of the integral along the arm [m], (N,).
         to_point: weights of the integral over an element of length one from its start to a point,
             (p, p), a row for each point.
-        to_end: the same from a point to the end, (p, p).
+        to_end: weights of the integral from a point to the end, (p, p).
         twice: to_end[i, m] to_point[m, k], (p, p, p) with indices i, k, m.
         base: orientation of the base, quaternion w, x, y, z, (4,).
         body: E A [N], G I [N m^2], 4 E J / (E A) of bending about n and about b, R^2 of a circle
@@ -49,7 +49,7 @@ class Tables(NamedTuple):
         sharp: whether strains may jump at the start of each element, (E,).
         to_fine: values at the M / E fine points of an element of length one, see
             `elements.fine`, from those at its points, (M / E, p).
-        fine_weights: of the integrals from its start to each point and to its end, (p + 1, M / E).
+        fine_weights: weights of integrals from start to each point and to end, (p + 1, M / E).
     """
 
     law: int
@@ -74,19 +74,19 @@ class Tables(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What node functions compute, overwritten by each call; m strains at N nodes.
+    """The results of node functions, overwritten by each call; m strains at N nodes.
 
     Attributes:
         quaternion: orientation of the nodes, w, x, y, z, (N, 4).
-        rotation: its matrix, columns t, n, b, (N, 3, 3).
+        rotation: rotation matrix of the nodes, columns t, n, b, (N, 3, 3).
         slope: r', the derivative of the position by s [-], (N, 3).
-        moment: that everything beyond exerts on the cross section, in base_frame, (N, 3) [N m].
-        gradient: of the energy by the twist, (N, m) [N m and N].
-        hessian: of the energy by the twist, (N, m, m).
+        moment: moment on the cross section from beyond it, in base_frame, (N, 3) [N m].
+        gradient: gradient of the energy by the twist, (N, m) [N m and N].
+        hessian: second derivatives of the energy by the twist, (N, m, m).
         residual: gradient less the wrench of the loads in the axes of the section, (N, m).
-        scale: size of forces and moments by which a residual is measured, (N, 2) [N m, N].
-        offsets: of tendons in sheaths, (N, J, 2) [m].
-        angle: by which tendons with friction have turned since the base [rad], (N, J).
+        scale: moments and forces that a residual is divided by, (N, 2) [N m, N].
+        offsets: offsets of tendons in sheaths, (N, J, 2) [m].
+        angle: angle by which tendons with friction have turned from the base [rad], (N, J).
         jacobian: d residual / d z, (N m, N m), rows and columns node by node.
     """
 
@@ -104,14 +104,14 @@ class Work(NamedTuple):
 
 
 class Places(NamedTuple):
-    """S places of an arm, such as stations, at which something is known from E p nodes.
+    """S places of an arm, such as stations, and matrices from values at the N nodes.
 
     Attributes:
-        element: that each is in, at an edge the one towards the base, (S,).
-        integration: from values at the nodes to integrals from the base, (S, N) [m].
-        between: from values at the nodes to those at the places, (S, N).
-        tail: from values at the points of an element to their last two Legendre coefficients,
-            (2, p).
+        element: element of each place, at an edge the one towards the base, (S,).
+        integration: matrix from values at the nodes to integrals from the base, (S, N) [m].
+        between: matrix from values at the nodes to those at the places, (S, N).
+        tail: matrix from values at the points of an element to their last two Legendre
+            coefficients, (2, p).
     """
 
     element: IntArray
@@ -121,21 +121,21 @@ class Places(NamedTuple):
 
 
 class PaperTables(NamedTuple):
-    """The paper's models of an arm at P places: N nodes, S stations and both sides of anchorages.
+    """The tables of the paper's models at P places: nodes, stations, both sides of anchorages.
 
     Attributes:
-        moments: from tensions to the seven sums over the tendons, see `papers`,
+        moments: matrix from tensions to the seven sums over the tendons, see `papers`,
             (J, 7, P).
         stiffness: E A [N], G I and E J about n and about b [N m^2] of the sections, (4, P).
-        rest: moments that would straighten them, about t, n and b, (3, P) [N m].
-        lengths: of the elements [m], (E,).
+        rest: moments that would straighten the sections, about t, n and b, (3, P) [N m].
+        lengths: lengths of the elements [m], (E,).
         backwards: weights of the integrals over an element of length one from each point to its
             end, and from its start, (p + 1, p).
-        swept: in how many elements, counted from the base, moments are not in balance: none in the
-            closed form.
-        anchorage: place at the side to the base of the anchorage at which an element ends, before
-            that at its other side; -1 where it ends at none, (E,).
-        stations: where the S stations are.
+        swept: number of elements, counted from the base, with equation (10): none in the closed
+            form.
+        anchorage: place on the base side of the anchorage at which an element ends, before that on
+            its other side; -1 if it ends at none, (E,).
+        stations: the S stations.
     """
 
     moments: FloatArray
@@ -149,13 +149,13 @@ class PaperTables(NamedTuple):
 
 
 def places_at(elements: Elements, s: FloatArray) -> Places:
-    """Places at arc coordinates ``s`` (S,) [m] of the nodes of ``elements``."""
+    """Return the places at arc coordinates ``s`` (S,) [m], by the nodes of ``elements``."""
     integration, between = elements.integration(s), elements.interpolation(s)
     return Places(elements.element_at(s), integration, between, elements.rule.coefficients[-2:])
 
 
 def work_arrays(tables: Tables, strains: int, *, has_jacobian: bool = True) -> Work:
-    """Arrays for ``tables`` and 4 or 6 ``strains``; stations have no Jacobian."""
+    """Return new arrays for ``tables`` and 4 or 6 ``strains``; stations need no Jacobian."""
     nodes, tendons = tables.tendons.shape[:2]
     size = nodes * strains if has_jacobian else 0
     return Work(
@@ -181,9 +181,9 @@ def tabulate(
     law: int,
     at: tuple[FloatArray, IntArray] | None = None,
 ) -> Tables:
-    """Tables of ``arm`` at the nodes of ``elements``, or ``at`` places [m] in sections, both (S,).
+    """Return the tables of ``arm`` at the nodes of ``elements``, or ``at`` places [m] in sections.
 
-    ``base`` is the orientation of the base, a quaternion w, x, y, z.
+    Both are (S,). ``base`` is the orientation of the base, a quaternion w, x, y, z.
     """
     rule, (s, section) = elements.rule, at or (elements.s, elements.section)
     twice, differentiation, ends, to_fine, fine_weights = _of_rule(elements.points)
@@ -218,10 +218,10 @@ def tabulate(
 
 
 def force_scale(tables: Tables, tensions: FloatArray) -> FloatArray:
-    """Moments and forces that a residual is measured by, (N, 2) [N m, N].
+    """Return the moments and forces that a residual is divided by, (N, 2) [N m, N].
 
-    The sum of ``tensions`` (N, J) or (J,) [N] of the tendons there, alone and times the lever arm,
-    and a small part of the stiffness of the section, so that rounding counts for nothing.
+    The force is the sum of ``tensions`` (N, J) or (J,) [N], and a small part of the stiffness of
+    the section, so that rounding has no effect. The moment is the force times the lever arm.
     """
     if tensions.ndim == 1:
         force = tables.reach @ tensions
@@ -236,7 +236,7 @@ def force_scale(tables: Tables, tensions: FloatArray) -> FloatArray:
 
 @functools.cache
 def _of_rule(points: int) -> tuple[FloatArray, ...]:
-    """Of `Tables` what depends on the rule of so many ``points`` alone.
+    """Return the arrays of `Tables` that depend on the number of ``points`` alone.
 
     These are twice, differentiation, ends, to_fine and fine_weights.
     """
@@ -253,21 +253,22 @@ def _of_rule(points: int) -> tuple[FloatArray, ...]:
 
 
 def least_bending(tables: Tables) -> FloatArray:
-    """E J of the sections about the axis that they bend about more easily, (N,) [N m^2]."""
+    """Return the smaller of both E J of the sections, (N,) [N m^2]."""
     squares = tables.body[:, SQUARED_N : SQUARED_B + 1]
     return np.asarray(0.25 * tables.body[:, AXIAL] * squares.min(axis=1))
 
 
 def _body(arm: Arm, s: FloatArray, tendons: FloatArray) -> FloatArray:
-    radius, own = arm.body.radius(s), SectionStiffness.at(arm, s)
+    radius, section = arm.body.radius(s), SectionStiffness.at(arm, s)
     lever = np.hypot(tendons[..., ALONG_N], tendons[..., ALONG_B]).max(axis=1, initial=0.0)
-    squares = 4.0 * own.bending_n / own.axial, 4.0 * own.bending_b / own.axial
+    bending = section.bending_n, section.bending_b
+    squares = [4.0 * value / section.axial for value in bending]
     return np.stack(
         [
-            own.axial,
-            own.torsion,
+            section.axial,
+            section.torsion,
             *squares,
-            own.shear,
+            section.shear,
             np.maximum(radius, lever),
             radius,
             *arm.rest.at(s),
@@ -276,7 +277,7 @@ def _body(arm: Arm, s: FloatArray, tendons: FloatArray) -> FloatArray:
     )
 
 
-# What moves --------------------------------------------------------------------------------------
+# Motion ------------------------------------------------------------------------------------------
 
 # Columns of `MotionTables.section`.
 MASS, ROTARY_N, ROTARY_B, DISPLACED, ADDED, ACROSS, ALONG = range(7)
@@ -285,17 +286,17 @@ POSITION, TANGENT, COLUMNS = slice(0, 3), slice(3, 6), 12
 
 
 class MotionTables(NamedTuple):
-    """What does not change while an arm moves.
+    """The constants of a moving arm.
 
     Attributes:
         from_base: matrix of integrals from the base to each node, (N, N) in columns [m].
-        to_tip: the same from each node to the tip.
+        to_tip: matrix of integrals from each node to the tip, (N, N) [m].
         section: per reference length, rho A [kg/m], rho times the second moments of area across
             which n and b point [kg m], the mass of the displaced water and the added one [kg/m],
             and factors of the drag, see `inertia` (1): rho_w R C_n and rho_w R (pi C_t / 2 - C_n)
             [kg/m^2], (N, 7).
         in_water: whether any of the last four is not zero.
-        viscous: D of the sections, (N, m).
+        viscous: viscous stiffness D of the sections, (N, m).
     """
 
     from_base: FloatArray
@@ -306,16 +307,16 @@ class MotionTables(NamedTuple):
 
 
 class TimeRule(NamedTuple):
-    """Velocities and accelerations as linear functions of what the rod is, x.
+    """Velocities and accelerations as linear functions of the places x of nodes.
 
-    Those of places are by_velocity x - velocity and by_acceleration x - acceleration.
+    They are by_velocity x - velocity and by_acceleration x - acceleration.
 
     Attributes:
-        by_velocity: [1/s].
-        by_acceleration: [1/s^2].
-        velocity: (N, 12).
-        acceleration: (N, 12).
-        twist_rate: as `velocity`, of twists, (N, m).
+        by_velocity: coefficient of velocities [1/s].
+        by_acceleration: coefficient of accelerations [1/s^2].
+        velocity: constant part of velocities of places, (N, 12).
+        acceleration: constant part of accelerations of places, (N, 12).
+        twist_rate: constant part of the rates of twists, (N, m).
         water: velocity of the water [m/s] and its acceleration [m/s^2], (2, 3).
     """
 
@@ -328,12 +329,12 @@ class TimeRule(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """How the nodes move, (N, 12) each, and what that exerts.
+    """The motion of the nodes, (N, 12) each, and its loads.
 
     Attributes:
         place: positions in base_frame [m] and axes of the sections [-].
-        velocity: of these.
-        acceleration: of these.
+        velocity: velocities of the places.
+        acceleration: accelerations of the places.
         load: force and moment of inertia and water beyond each node, (2, N, 3) [N, N m].
     """
 
@@ -345,22 +346,22 @@ class Motion(NamedTuple):
 
 # Errors ------------------------------------------------------------------------------------------
 
-# Error of positions over the sums of squares, at most, where it is above 1e-10; measured for the
-# arm of Table 4 under random tensions in water and air and for the metal rod.
+# Largest ratio of the error of positions to the sums of squares, for errors above 1e-10; measured
+# for the arm of Table 4 under random tensions in water and air, and for the metal rod.
 OF_BENDS, OF_DIRECTIONS = 2e-3, 1e-4
 _BETWEEN = 30.0
-_ADDED, _ADDED_FINE, _FINE = 4, 5, 1e-8  # points, and the accuracy below which it is more
+_ADDED, _ADDED_FINE, _FINE = 4, 5, 1e-8  # added points, more of them below this accuracy
 
 
 def added_points(accuracy: float, has_friction: bool) -> int:
-    """Points more in each element at which sections are balanced, for stations between them."""
+    """Return the number of points to add to each element for results between the nodes."""
     return _ADDED if accuracy >= _FINE and not has_friction else _ADDED_FINE
 
 
 def allowed_between(accuracy: float) -> float:
-    """What `position_errors` may be for positions between the points to be right to ``accuracy``.
+    """Return the limit of `position_errors` for an ``accuracy`` of positions between the points.
 
-    Their error is of the first order of what the points leave, that at the ends of the second.
+    Errors between the points are of first order, those at the ends of elements of second order.
     """
     return min(accuracy, (_BETWEEN * accuracy) ** 2)
 
@@ -368,10 +369,10 @@ def allowed_between(accuracy: float) -> float:
 def position_errors(
     tail: FloatArray, lengths: FloatArray, z: FloatArray, slope: FloatArray
 ) -> FloatArray:
-    """Estimated errors of positions over the length of A arms [-], (A,).
+    """Return estimated errors of positions over the length of A arms [-], (A,).
 
-    From the twists ``z`` (A N, m) and r' ``slope`` (A N, 3) at the nodes, by the last Legendre
-    coefficients of elements, see `Places.tail`, and ``lengths`` (E,) [m].
+    They follow from the last Legendre coefficients of twists ``z`` (A N, m) and of r' ``slope``
+    (A N, 3) in each element, see `Places.tail`, and from ``lengths`` (E,) [m].
     """
     # Largest of the last two Legendre coefficients of bends and directions in each element.
     values = np.concatenate([z[:, :3], slope], axis=1).reshape(-1, tail.shape[1], 6)

@@ -1,4 +1,4 @@
-"""Tendons at the nodes: where they run, how long they are, and the derivatives of both.
+"""Tendons at the nodes: their paths and lengths, and the derivatives of both.
 
 A tendon of tension T at the offset r + d in the cross section, d within its sheath, runs along
 
@@ -35,12 +35,12 @@ from octo_arm_model.rod.tables import REST_T, Tables
 
 
 class PathChange(NamedTuple):
-    """What changes per unit of a quantity of each tendon, the others and twists held.
+    """Derivatives by a quantity of each tendon, for constant twists and other tendons.
 
     Attributes:
-        unit: change of e, (3, N, J).
-        stretch: of |u|, (N, J).
-        gradient: of T g, the gradient of the energy by the twist, (N, J, m).
+        unit: derivative of e, (3, N, J).
+        stretch: derivative of |u|, (N, J).
+        gradient: derivative of T g, the gradient of the energy by the twist, (N, J, m).
     """
 
     unit: FloatArray
@@ -49,14 +49,14 @@ class PathChange(NamedTuple):
 
 
 class Tendons:
-    """All tendons at all nodes, at given twists.
+    """All tendons at all nodes, for given twists.
 
-    Arrays inside are (..., c, N, J): derivatives by ... of c components at N nodes.
+    Private arrays are (..., c, N, J): derivatives by ... of c components at N nodes.
 
     Attributes:
         tension: local T [N], zero beyond the anchorage, (N, J).
         width: radius over reference radius, w, (N, 1).
-        widening: its derivative by the stretch, (N, 1).
+        widening: derivative of the width by the stretch, (N, 1).
         scaled: w kappa [1/m], (3, N, 1).
         has_sheaths: whether any tendon can leave its path.
         stretch: |u|, the length per reference length of the arm [-], zero beyond, (N, J).
@@ -65,7 +65,7 @@ class Tendons:
     def __init__(
         self, tables: Tables, z: FloatArray, tensions: FloatArray, offsets: FloatArray
     ) -> None:
-        """Of twists ``z`` (N, m) under local ``tensions`` (N, J) [N] with `Work.offsets`."""
+        """Compute tendons at twists ``z`` (N, m), local ``tensions`` (N, J) [N] and `offsets`."""
         columns = z.T[..., np.newaxis]
         self._kappa, stretch = columns[:3], columns[3]
         self.width, self.widening, _ = widening(tables.law, stretch)
@@ -76,7 +76,7 @@ class Tendons:
         self._compliance, self._offset = tables.compliance, np.zeros_like(self._r)
         self.has_sheaths = bool(tables.compliance.any())
         if self.has_sheaths:
-            # Node functions leave those of tendons that nobody pulls as they were.
+            # Node functions do not update the offsets of tendons without tension.
             self._offset = offsets.transpose(2, 0, 1) * (self.tension != 0.0)
             self._r = self._r + self._offset
         u = self._u(self._r, self._slope)
@@ -125,16 +125,16 @@ class Tendons:
 
     @functools.cached_property
     def by_tension(self) -> PathChange:
-        """Per newton of local tension, with T g_T as gradient; zero in rigid sheaths."""
+        """Derivatives by local tension [1/N], with T g_T as gradient; zero in rigid sheaths."""
         return self._path_change(self._offset_change(self._stretch_by_offset))
 
     @functools.cached_property
     def by_sheath_stiffness(self) -> PathChange:
-        """Per pascal of every sheath; zero of rigid ones."""
+        """Derivatives by the stiffness of every sheath [1/Pa]; zero for rigid ones."""
         return self._path_change(self._offset_change(self._offset))
 
     def by_path(self, path: FloatArray) -> PathChange:
-        """Per unit that paths move along ``path`` (4, N, J) by, see `outward_paths`."""
+        """Return derivatives by a shift along ``path`` (4, N, J), see `outward_paths`."""
         r, slope = path[:2], path[2:]
         if self.has_sheaths:
             unit = self._unit_change(self._u(r, slope))
@@ -142,26 +142,26 @@ class Tendons:
         return self._path_change(r, slope)
 
     def _path_change(self, r: FloatArray, slope: FloatArray | float = 0.0) -> PathChange:
-        """(5), where r + d moves by ``r`` (2, N, J) and r' by ``slope``."""
+        """Return (5) for a change of r + d by ``r`` (2, N, J) and of r' by ``slope``."""
         u = self._u(r, slope)
         unit = self._unit_change(u)
         gradient = self.tension * (self._g(unit) + self._g_of_path(self.unit, r, slope))
         return PathChange(unit, (self.unit * u).sum(axis=0), gradient.transpose(1, 2, 0))
 
     def _u(self, r: FloatArray, slope: FloatArray | float) -> FloatArray:
-        """U(r, r'), (3, N, J)."""
+        """Return U(r, r'), (3, N, J)."""
         u = _cross(self.scaled, r)
         u[1:] += self.width * slope
         return u
 
     def _g(self, unit: FloatArray) -> FloatArray:
-        """``unit`` . u_z at held offset, (m, N, J)."""
+        """Return ``unit`` . u_z at held offset, (m, N, J)."""
         found = self._g_of_path(unit, self._r, self._slope)
         found[3:] += unit[: self._strains - 3]
         return found
 
     def _g_of_path(self, unit: FloatArray, r: FloatArray, slope: FloatArray | float) -> FloatArray:
-        """G of a ``unit`` tangent = (w kappa)_z . (r x e) + w_z r' . e, (m, N, J)."""
+        """Return G = (w kappa)_z . (r x e) + w_z r' . e for e = ``unit``, (m, N, J)."""
         (x, y), (e_t, e_n, e_b) = r, unit
         found = np.zeros((self._strains, *self.tension.shape))
         found[0], found[1], found[2] = x * e_b - y * e_n, y * e_t, -x * e_t
@@ -172,11 +172,11 @@ class Tendons:
 
     @functools.cached_property
     def _stretch_by_offset(self) -> FloatArray:
-        """p, (2, N, J)."""
+        """The derivative p of |u| by the offset, (2, N, J)."""
         return _cross_transposed(self.scaled, self.unit)
 
     def _offset_change(self, force: FloatArray) -> FloatArray:
-        """Change dd of (4) for f = ``force`` (..., 2, N, J), zero in rigid sheaths."""
+        """Return dd of (4) for f = ``force`` (..., 2, N, J), zero in rigid sheaths."""
         stiff = self._compliance * self.tension * self._inverse
         (t, n, b), (p_n, p_b) = self.scaled, self._stretch_by_offset
         nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), stiff)
@@ -185,13 +185,13 @@ class Tendons:
         return found * (-self._compliance / (nn * bb - nb * nb))
 
     def _unit_change(self, u: FloatArray) -> FloatArray:
-        """Change de of (5) of changes ``u`` (..., 3, N, J)."""
+        """Return de of (5) for changes ``u`` (..., 3, N, J)."""
         along = (self.unit * u).sum(axis=-3)
         return (u - self.unit * along[..., np.newaxis, :, :]) * self._inverse
 
 
 def _cross(kappa: FloatArray, r: FloatArray) -> FloatArray:
-    """Cross products kappa x r of curvatures (..., 3, N, 1) and offsets (..., 2, N, J)."""
+    """Return cross products kappa x r of curvatures (..., 3, N, 1) and offsets (..., 2, N, J)."""
     t, n, b = (kappa[..., c, :, :] for c in range(3))
     x, y = r[..., 0, :, :], r[..., 1, :, :]
     along = n * y - b * x
@@ -201,21 +201,21 @@ def _cross(kappa: FloatArray, r: FloatArray) -> FloatArray:
 
 
 def _cross_transposed(kappa: FloatArray, u: FloatArray) -> FloatArray:
-    """The transpose of `_cross` by r, times ``u`` (..., 3, N, J): (..., 2, N, J)."""
+    """Return the transpose of `_cross` by r, times ``u`` (..., 3, N, J): (..., 2, N, J)."""
     (t, n, b), (u_t, u_n, u_b) = np.moveaxis(kappa, -3, 0), np.moveaxis(u, -3, 0)
     return np.stack([t * u_b - b * u_t, n * u_t - t * u_n], axis=-3)
 
 
 def unloaded_twists(tables: Tables, strains: int = 4) -> FloatArray:
-    """Twists (N, m) of the unloaded arm, of so many ``strains``."""
+    """Return the twists (N, m) of the unloaded arm, with so many ``strains``."""
     z = np.zeros((len(tables.reach), strains))
     z[:, :3], z[:, 3] = tables.body[:, REST_T:], 1.0
     return z
 
 
 def outward_paths(arm: Arm, tables: Tables, s: FloatArray) -> FloatArray:
-    """Paths on which tendons move away from the midline, zero beyond the anchorages, (4, N, J).
+    """Return unit shifts of the tendons away from the midline at ``s`` (N,) [m], (4, N, J).
 
-    Along n and b [-] and the slopes of both [1/m], of the tendons of ``arm`` at ``s`` (N,) [m].
+    They are along n and b [-], with the slopes of both [1/m], and zero beyond the anchorages.
     """
     return np.ascontiguousarray(arm.tendon_outwards(s).swapaxes(1, 2) * tables.reach)
