@@ -37,7 +37,7 @@ class Estimate:
             none of sensors that the leader does not use but that may be right.
         accepted: measurements that were used, linear ones first.
         normalised_square: normalised square of all numbers that were used, and their number.
-        log_likelihood: of all measurements; one that was not used counts as if at the gate.
+        log_likelihood: ln of the likelihood of all measurements; unused ones count as at the gate.
         doubted: names of the sensors that are wrong with a probability of over a half.
         suspects: if there are none, names of the smallest set of which one is probably wrong.
         contradicted_since: time since which even the leader is contradicted [s]; None if it isn't.

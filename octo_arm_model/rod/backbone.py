@@ -205,7 +205,7 @@ class Readout:
         return position[0], quaternion[0], twist, along
 
     def twists(self, fine: FloatArray) -> FloatArray:
-        """Return twists (..., S, m) at the stations by those (..., n, m) at the finer points."""
+        """Return the twists at the stations, (..., S, m), by ``fine`` ones (..., n, m)."""
         # Strains are interpolated, so that zero strain stays exactly zero.
         strained = self.places.between @ (fine - self._straight)
         return np.asarray(strained + self._straight)

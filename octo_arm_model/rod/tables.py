@@ -41,7 +41,7 @@ class Tables(NamedTuple):
         active: how many tendons reach each node, (N,): the first ones, as sections are numbered
             from the tip.
         reach: 1 where a tendon acts and 0 beyond its anchorage, (N, J).
-        least_scale: see `force_scale`, (N,) [N].
+        least_scale: least force that residuals are divided by, (N,) [N].
         compliance: 1 / k of the sheath of each tendon [1/Pa], 0 for a rigid one, (J,).
         friction: coefficient mu of each tendon [-], (J,).
         differentiation: derivative at the points of an element of length one, (p, p).
