@@ -235,16 +235,16 @@ def add_tangents(
     turn, slope = kinematics(elements.from_base, work, strains)
     move = along(elements.from_base, slope)
     force, moment = np.zeros_like(move), np.zeros_like(move)
-    for one in tangents:
+    for term in tangents:
         moved, turned = move, turn
-        if one.between is not None:
-            moved = along(one.between, move)
-            if one.force_by_turn is not None or one.moment_by_turn is not None:
-                turned = along(one.between, turn)
-        force += _density(one.force_by_place, one.force_by_turn, moved, turned, one.back)
-        if one.moment_by_place is not None or one.moment_by_turn is not None:
-            parts = one.moment_by_place, one.moment_by_turn
-            moment += _density(*parts, moved, turned, one.back)
+        if term.between is not None:
+            moved = along(term.between, move)
+            if term.force_by_turn is not None or term.moment_by_turn is not None:
+                turned = along(term.between, turn)
+        force += _density(term.force_by_place, term.force_by_turn, moved, turned, term.back)
+        if term.moment_by_place is not None or term.moment_by_turn is not None:
+            parts = term.moment_by_place, term.moment_by_turn
+            moment += _density(*parts, moved, turned, term.back)
     force = along(elements.to_tip, force)
     moment = along(elements.to_tip, moment + skew(work.slope) @ force)
     rows = in_sections(work.rotation, force, moment, strains)

@@ -156,19 +156,19 @@ class Tendons:
 
     def _g(self, unit: FloatArray) -> FloatArray:
         """Return ``unit`` . u_z at held offset, (m, N, J)."""
-        found = self._g_of_path(unit, self._r, self._slope)
-        found[3:] += unit[: self._strains - 3]
-        return found
+        product = self._g_of_path(unit, self._r, self._slope)
+        product[3:] += unit[: self._strains - 3]
+        return product
 
     def _g_of_path(self, unit: FloatArray, r: FloatArray, slope: FloatArray | float) -> FloatArray:
         """Return G = (w kappa)_z . (r x e) + w_z r' . e for e = ``unit``, (m, N, J)."""
         (x, y), (e_t, e_n, e_b) = r, unit
-        found = np.zeros((self._strains, *self.tension.shape))
-        found[0], found[1], found[2] = x * e_b - y * e_n, y * e_t, -x * e_t
-        found[3] = (self._kappa * found[:3]).sum(axis=0) + (slope * unit[1:]).sum(axis=0)
-        found[3] *= self.widening
-        found[:3] *= self.width
-        return found
+        product = np.zeros((self._strains, *self.tension.shape))
+        product[0], product[1], product[2] = x * e_b - y * e_n, y * e_t, -x * e_t
+        product[3] = (self._kappa * product[:3]).sum(axis=0) + (slope * unit[1:]).sum(axis=0)
+        product[3] *= self.widening
+        product[:3] *= self.width
+        return product
 
     @functools.cached_property
     def _stretch_by_offset(self) -> FloatArray:
@@ -181,8 +181,8 @@ class Tendons:
         (t, n, b), (p_n, p_b) = self.scaled, self._stretch_by_offset
         nn, nb, bb = offset_stiffness((t, n, b), (p_n, p_b), stiff)
         x, y = np.moveaxis(force, -3, 0)
-        found = np.stack([bb * x - nb * y, nn * y - nb * x], axis=-3)
-        return found * (-self._compliance / (nn * bb - nb * nb))
+        change = np.stack([bb * x - nb * y, nn * y - nb * x], axis=-3)
+        return change * (-self._compliance / (nn * bb - nb * nb))
 
     def _unit_change(self, u: FloatArray) -> FloatArray:
         """Return de of (5) for changes ``u`` (..., 3, N, J)."""
@@ -195,9 +195,9 @@ def _cross(kappa: FloatArray, r: FloatArray) -> FloatArray:
     t, n, b = (kappa[..., c, :, :] for c in range(3))
     x, y = r[..., 0, :, :], r[..., 1, :, :]
     along = n * y - b * x
-    found = np.empty((*along.shape[:-2], 3, *along.shape[-2:]))
-    found[..., 0, :, :], found[..., 1, :, :], found[..., 2, :, :] = along, -t * y, t * x
-    return found
+    product = np.empty((*along.shape[:-2], 3, *along.shape[-2:]))
+    product[..., 0, :, :], product[..., 1, :, :], product[..., 2, :, :] = along, -t * y, t * x
+    return product
 
 
 def _cross_transposed(kappa: FloatArray, u: FloatArray) -> FloatArray:
