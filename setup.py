@@ -1,4 +1,4 @@
-"""Installs the Python package; ROS finds it through the ament index."""
+"""Install the Python package, which ROS finds through the ament index."""
 
 from glob import glob
 
@@ -29,7 +29,7 @@ setup(
     python_requires='>=3.10',
     install_requires=['setuptools', 'numpy>=1.26', 'scipy>=1.11', 'pyyaml'],
     extras_require={
-        # Its own parts parse definitions and profiles, and write bags.
+        # Parts of rosbags that may change parse definitions and profiles, and write bags.
         'bags': ['rosbags>=0.11.9,<0.12'],
         'cluster': ['distributed'],
         'compiled': ['numba'],

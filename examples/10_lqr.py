@@ -20,20 +20,20 @@ loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1022.0)
 water = MotionProperties(300.0, normal_drag=2.5, tangential_drag=0.01, added_mass=1.5)
 dynamics = Dynamics(Solver(arm, 'exact', stations=21, loads=loads), water)
 
-# About this equilibrium, with all tendons a little tight.
+# The linear model holds near this equilibrium, in which all tendons are a little tight.
 rest = dynamics.at_rest(Inputs(np.full((3, 4), 0.05)))
 slowest = modes(dynamics, rest, 4)
 print('frequencies [Hz]', slowest.frequencies.round(3), 'damping', slowest.damping.round(4))
 model = linearise(dynamics, rest, 4)
-effort = 1e-2 * np.eye(12)  # [m^2/N^2]: 0.1 N are worth 10 mm of the tip
+effort = 1e-2 * np.eye(12)  # [m^2/N^2]: 0.1 N cost as much as 10 mm of the tip
 cost = solve_continuous_are(model.A, model.B, model.C.T @ model.C, effort)
 gain = np.linalg.solve(effort, model.B.T @ cost)
 
 
 def swing(is_controlled: bool) -> float:
-    """Root mean square of how far the tip is from its place after a push [mm]."""
-    state, x, away, place = rest, np.zeros(8), [], dynamics.backbone(rest).tip
-    # The state of the modes from positions and velocities of the stations, by least squares.
+    """Return the root mean square distance of the tip from its place at rest after a push [mm]."""
+    state, x, distances, place = rest, np.zeros(8), [], dynamics.backbone(rest).tip
+    # The state of the modes follows from positions and velocities of the stations.
     tips = slowest.shapes[:, -1]
     scale = (model.C[:, :4].T * tips).sum(axis=1) / (tips * tips).sum(axis=1)
     to_modes = np.linalg.pinv(slowest.shapes.reshape(4, -1).T * scale)
@@ -46,8 +46,8 @@ def swing(is_controlled: bool) -> float:
         moved = dynamics.backbone(state).position - still
         x[:4] = to_modes @ moved.ravel()
         x[4:] = to_modes @ dynamics.velocities(state).ravel()
-        away.append(np.linalg.norm(dynamics.backbone(state).tip - place))
-    return float(1e3 * np.sqrt(np.mean(np.square(away[round(0.2 / STEP) :]))))
+        distances.append(np.linalg.norm(dynamics.backbone(state).tip - place))
+    return float(1e3 * np.sqrt(np.mean(np.square(distances[round(0.2 / STEP) :]))))
 
 
 print(f'rings by {swing(False):.2f} mm, controlled by {swing(True):.2f} mm')

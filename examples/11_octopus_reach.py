@@ -1,6 +1,7 @@
 """A reach like the octopus's: the arm straightens from the base, and its bend travels to the tip.
 
-All sections are bent at first. One after the other, from the base on, is let go, in water.
+The arm is in water. All sections are bent at first; then they are released one after the other,
+from the base to the tip.
 
     python examples/11_octopus_reach.py [picture.png]
 """
@@ -13,17 +14,17 @@ from octo_arm_model import Dynamics, Inputs, Loads, MotionProperties, Solver, lo
 
 STEP, SECONDS = 5e-3, 2.0
 BENT = np.array([0.06, 1.0, 4.0])  # tension of one tendon of each section, from the tip [N]
-LET_GO = np.array([[1.6, 2.6], [0.8, 1.8], [0.0, 1.0]])  # from when to when [s]
+RELEASE = np.array([[1.6, 2.6], [0.8, 1.8], [0.0, 1.0]])  # begin and end of each release [s]
 arm = load_config('renda2012_table4').arm.with_density(1080.0)
 water = MotionProperties(300.0, normal_drag=2.5, tangential_drag=0.01, added_mass=1.5)
 dynamics = Dynamics(Solver(arm, 'exact', stations=91, loads=Loads(fluid_density=1022.0)), water)
 
 
 def inputs(time: float) -> Inputs:
-    """Tensions at a time [s]."""
+    """Return the tensions at a time [s]."""
     tensions = np.zeros(arm.tension_shape)
-    left = [np.interp(time, when, [1.0, 0.0]) for when in LET_GO]
-    tensions[:, 0] = BENT * left
+    fractions = [np.interp(time, times, [1.0, 0.0]) for times in RELEASE]
+    tensions[:, 0] = BENT * fractions
     return Inputs(tensions)
 
 
@@ -34,7 +35,7 @@ for number in range(round(SECONDS / STEP) + 1):
     if number % 20 == 0:
         shape = dynamics.backbone(state)
         shapes.append(shape.position)
-        # The bend is where half of the turning of the arm is behind.
+        # The bend is at the middle of the integral of the curvature.
         turned = np.cumsum(np.abs(shape.k))
         bend = float(np.interp(0.5 * turned[-1], turned, shape.s)) if turned[-1] else 0.0
         if number % 100 == 0:

@@ -1,7 +1,7 @@
 """A reach that is learnt: the cross-entropy method over profiles of tensions.
 
-Of random profiles of a few tendons the best become the next mean and spread. What counts is how
-near the tip is to the target at the end and how fast it still is; no gradient is used.
+The best of several random profiles of tensions give the next mean and spread. A profile is good
+if the tip is near the target at the end, and slow; no gradient is used.
 """
 
 import numpy as np
@@ -19,12 +19,12 @@ TENDONS = arm.tension_shape[1]
 
 
 def reach(profile: np.ndarray) -> tuple[float, float]:
-    """Distance of the tip from the target [m] and its speed [m/s] after a profile of tensions."""
+    """Return the distance of the tip to the target [m] and its speed [m/s] after a ``profile``."""
     knots = np.vstack([np.zeros(TENDONS), profile.clip(0.0, HIGHEST)])
     times, state = np.linspace(0.0, SECONDS, KNOTS + 1), rest
     for time in np.arange(1, round(SECONDS / STEP) + 1) * STEP:
-        pulled = [np.interp(time, times, column) for column in knots.T]
-        state = dynamics.step(state, Inputs([pulled]), STEP)
+        tensions = [np.interp(time, times, column) for column in knots.T]
+        state = dynamics.step(state, Inputs([tensions]), STEP)
     away = dynamics.backbone(state).tip - TARGET
     return float(np.linalg.norm(away)), float(np.linalg.norm(dynamics.velocities(state)[-1]))
 
@@ -35,7 +35,7 @@ for number in range(ROUNDS):
     profiles = mean + spread * rng.standard_normal((PROFILES, KNOTS, TENDONS))
     profiles[0] = mean
     results = [reach(profile) for profile in profiles]
-    # 0.1 m/s is as bad as 10 mm.
+    # A speed of 0.1 m/s costs as much as a distance of 10 mm.
     order = np.argsort([distance + 0.1 * speed for distance, speed in results])
     best = profiles[order[:BEST]]
     mean, spread = best.mean(axis=0), best.std(axis=0) + 0.02 * HIGHEST

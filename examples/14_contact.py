@@ -1,4 +1,4 @@
-"""An arm over a floor that curls round a post: what it touches, how hard and how deep."""
+"""An arm over a floor curls round a post: the forces and the depths of its contacts."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ pull = np.zeros((3, 4))
 shape = solver.solve(pull)
 for part in np.linspace(0.5, 1.0, 3):
     pull[:, 0] = 0.1 * part, 1.0 * part, 3.0 * part
-    # From the shape before, as an arm keeps to the side of a post from which it came.
+    # The search starts from the last shape, as an arm stays on its side of a post.
     shape = solver.follow(pull, shape)
     contacts = solver.contacts(shape)
     forces = 1e3 * np.linalg.norm(contacts.force, axis=1)

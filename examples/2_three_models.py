@@ -1,4 +1,4 @@
-"""What the choice of a model costs, on the prototype of section 5.2: one tendon, pulled harder."""
+"""The differences of the models for the prototype of section 5.2, with one tendon pulled."""
 
 import numpy as np
 
@@ -12,5 +12,5 @@ tips = {model: config.solver(model).solve(pulls).tip for model in MODELS}
 print('tension [N]   tip from exact [% of L]')
 print('           ', *(f'{model:>12}' for model in MODELS))
 for index, tension in enumerate(pulls[:, 0, 0]):
-    apart = [np.linalg.norm(tips[model][index] - tips['exact'][index]) for model in MODELS]
-    print(f'{tension:11.1f} ', *(f'{100 * d / config.arm.length:12.2f}' for d in apart))
+    distances = [np.linalg.norm(tips[model][index] - tips['exact'][index]) for model in MODELS]
+    print(f'{tension:11.1f} ', *(f'{100 * d / config.arm.length:12.2f}' for d in distances))

@@ -1,4 +1,4 @@
-"""An arm in water with a force on its tip: how far it moves, and how well its tip is known."""
+"""An arm in water with a force on its tip: the displacement and the uncertainty of the tip."""
 
 from dataclasses import replace
 

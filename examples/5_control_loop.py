@@ -1,7 +1,7 @@
-"""A controller at 200 Hz against the arm without hardware: its tip follows a circle.
+"""A controller at 200 Hz of a simulated arm, whose tip follows a circle.
 
-Starts the node and a simulator whose winches lag by 50 ms. The controller knows where the tip is
-from the node alone. Run it where ROS is, or by tools/with_ros.
+The program starts the node and a simulator whose winches lag by 50 ms. The controller takes the
+position of the tip from the node alone. Run it with ROS, or by tools/with_ros.
 """
 
 import sys
@@ -20,14 +20,14 @@ from octo_arm_model.simulation.movements import tendon_limits
 
 CONFIG = 'config/renda2012_table4.yaml'
 RATE = 200.0  # [Hz]
-PERIOD = 8.0  # of the circle [s]
+PERIOD = 8.0  # time of a circle [s]
 GAIN = 4.0  # [1/s]
-HIGHEST = 1.0  # [N], or the limit of a tendon where that is less
+HIGHEST = 1.0  # largest tension, if the limit of a tendon is not less [N]
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
 
 
 def wanted(time: float) -> tuple[FloatArray, FloatArray]:
-    """Where the tip should be at ``time`` [s], and how fast it should go there."""
+    """Return the target position [m] and velocity [m/s] of the tip at ``time`` [s]."""
     angle = 2.0 * np.pi * time / PERIOD
     radial, along = (
         np.array([0, np.cos(angle), np.sin(angle)]),
@@ -37,14 +37,14 @@ def wanted(time: float) -> tuple[FloatArray, FloatArray]:
 
 
 class Controller(Node):
-    """Turns the distance to the wanted tip into changes of the tensions."""
+    """A controller that changes tensions by the distance of the tip to its target."""
 
     def __init__(self) -> None:
-        """Begin with tensions that would bring the tip to the circle."""
+        """Begin with tensions that bring the tip to the circle."""
         super().__init__('controller')
         config = load_config(CONFIG)
         self.solver = config.solver('closed_form', stations=41)
-        # Nothing beyond the limit of a tendon is taken.
+        # The simulator refuses tensions beyond the limit of a tendon.
         self.highest = np.minimum(HIGHEST, tendon_limits(config))
         target = TipPosition(wanted(0.0)[0])
         highest = self.highest.reshape(config.arm.tension_shape)
@@ -59,12 +59,12 @@ class Controller(Node):
         self.create_timer(1.0 / RATE, self.step)
 
     def on_tip(self, message: PoseWithCovarianceStamped) -> None:
-        """Keep where the tip is."""
+        """Store the position of the tip."""
         p = message.pose.pose.position
         self.tip = np.array([p.x, p.y, p.z])
 
     def step(self) -> None:
-        """Pull a little more or less."""
+        """Publish tensions that move the tip towards its target."""
         if self.tip is not None:
             target, speed = wanted(self.steps / RATE)
             error = target - self.tip

@@ -1,4 +1,4 @@
-"""Something pushes the tip: when, from where and how hard, from tensions and a marker alone."""
+"""A force on the tip is detected and estimated from tensions and a marker alone."""
 
 import numpy as np
 
@@ -16,9 +16,9 @@ simulated, tensions = config.solver('exact', stations=31), np.array([1.0, 0.4, 0
 for step in range(8):
     push = [0.0, 0.0, 0.015 if step >= 4 else 0.0]
     marker = simulated.solve([tensions], [*push, 0.0, 0.0, 0.0]).tip
-    found = estimator.add(0.1 * step, [Tensions(tensions, 0.01), TipPosition(marker, 1e-3)])
-    wrench, covariance = found.tip_wrench[:3], found.tip_wrench_covariance[:3, :3]
+    estimate = estimator.add(0.1 * step, [Tensions(tensions, 0.01), TipPosition(marker, 1e-3)])
+    wrench, covariance = estimate.tip_wrench[:3], estimate.tip_wrench_covariance[:3, :3]
     is_touched = wrench @ np.linalg.solve(covariance, wrench) > 16.3  # chi-square of 3, 0.1 %
     state = 'touched' if is_touched else 'free   '
-    state = f'refused: {", ".join(found.refused)}' if found.refused else state
+    state = f'refused: {", ".join(estimate.refused)}' if estimate.refused else state
     print(f'{0.1 * step:.1f} s  {state}  {wrench.round(4)} N')

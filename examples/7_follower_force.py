@@ -1,4 +1,4 @@
-"""A load of a new kind: a force that rotates with the cross section it acts on."""
+"""A new kind of load: a force that rotates with the cross section on which it acts."""
 
 from dataclasses import dataclass
 
@@ -19,17 +19,17 @@ class FollowingForce:
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Where the resultants jump."""
+        """The arc coordinate at which the resultants jump [m]."""
         return (self.s,)
 
     def resultants(self, rod: DeformedRod) -> Resultants:
-        """Force [N] and moment [N m] of what is beyond each node."""
+        """Return force [N] and moment [N m] of the load beyond each point."""
         turned = (rod.rotation_at(self.s) @ self.force)[:, np.newaxis]
         force = np.where(rod.s < self.s, turned, 0.0)
         return Resultants(force, np.zeros_like(force))
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
-        """Derivatives of these by a small rotation of the cross section."""
+        """Return the derivatives of the resultants by a rotation of the cross section."""
         # Turned by a small rotation vector phi, the force changes by phi x force.
         by_turn = -skew(rod.rotation_at(self.s) @ self.force)[..., np.newaxis]
         force = np.where(rod.s < self.s, by_turn, 0.0)

@@ -1,4 +1,4 @@
-"""A step response: a tendon is pulled at once, and the arm rings as its modes say.
+"""A step response: a tendon is pulled at once, and the arm rings as its modes predict.
 
 python examples/8_ringing.py [picture.png]
 """
@@ -20,16 +20,16 @@ for _ in range(round(SECONDS / STEP)):
     state = dynamics.step(state, Inputs(pull), STEP)
     tips.append(dynamics.backbone(state).tip)
 
-# About the equilibrium that it rings around.
-end = dynamics.at_rest(Inputs(pull))
-slowest = modes(dynamics, end, 2)
-place = dynamics.backbone(end).tip
+# The arm rings about this equilibrium.
+rest = dynamics.at_rest(Inputs(pull))
+slowest = modes(dynamics, rest, 2)
+place = dynamics.backbone(rest).tip
 along = (np.array(tips) - place) @ (place - [arm.length, 0.0, 0.0])
 time = np.arange(1, len(tips) + 1) * STEP
-# Faster modes have died out.
+# Faster modes have decayed by then.
 rises = np.flatnonzero((along[:-1] < 0.0) & (along[1:] >= 0.0) & (time[1:] > 0.5))
 crossings = time[rises] - along[rises] / (along[rises + 1] - along[rises]) * STEP
-peaks = [along[one:other].max() for one, other in itertools.pairwise(rises)]
+peaks = [along[begin:end].max() for begin, end in itertools.pairwise(rises)]
 frequency = (len(crossings) - 1) / (crossings[-1] - crossings[0])
 damping = np.log(peaks[0] / peaks[-1]) / (2.0 * np.pi * (len(peaks) - 1))
 print(f'rings at {frequency:.3f} Hz, damping ratio {damping:.4f}')

@@ -1,4 +1,4 @@
-"""A tip controller at 200 Hz: statics say how to pull, the speed of the tip damps the swing."""
+"""A tip controller at 200 Hz: statics give the tensions, the velocity of the tip the damping."""
 
 import numpy as np
 
@@ -14,24 +14,24 @@ from octo_arm_model import (
 )
 
 PERIOD, SECONDS = 5e-3, 3.0
-STIFFNESS, DAMPING = 1.0, 0.4  # of the error [-], of the speed [s]
+STIFFNESS, DAMPING = 1.0, 0.4  # gains of the error [-] and of the velocity [s]
 HIGHEST, TARGET = 4.0, np.array([0.24, -0.06, -0.03])
 arm = load_config('renda2012_prototype').arm.with_density(1080.0)
 loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1022.0)
 water = MotionProperties(300.0, normal_drag=2.5, tangential_drag=0.01, added_mass=1.5)
 dynamics = Dynamics(Solver(arm, 'exact', stations=2, loads=loads), water)
-found = find_tensions(dynamics.solver, TipPosition(TARGET), highest=HIGHEST)
-# Tensions that move the tip by so much, at rest.
-by_tip = np.linalg.pinv(dynamics.solver.sensitivity(found.backbone).by_tension.tip[:3], 0.3)
+inverse = find_tensions(dynamics.solver, TipPosition(TARGET), highest=HIGHEST)
+# The derivative of tensions by the position of the tip at rest.
+by_tip = np.linalg.pinv(dynamics.solver.sensitivity(inverse.backbone).by_tension.tip[:3], 0.3)
 
 
 def reach(is_controlled: bool) -> np.ndarray:
-    """Distance of the tip from the target over time [m]."""
+    """Return the distances of the tip from the target over time [m]."""
     state, away = dynamics.at_rest(Inputs(np.zeros(arm.tension_shape))), []
     for _ in range(round(SECONDS / PERIOD)):
         error = dynamics.backbone(state).tip - TARGET
         speed = dynamics.velocities(state)[-1]
-        tensions = found.backbone.tensions.ravel()
+        tensions = inverse.backbone.tensions.ravel()
         if is_controlled:
             tensions = tensions - by_tip @ (STIFFNESS * error + DAMPING * speed)
         inputs = Inputs(tensions.clip(0.0, HIGHEST).reshape(arm.tension_shape))

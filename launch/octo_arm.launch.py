@@ -1,4 +1,4 @@
-"""One arm: the node and, if wanted, RViz and a bag of tensions played to it."""
+"""Start the node of one arm, and on request RViz and a bag of tensions that is played."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
@@ -8,18 +8,18 @@ from octo_arm_model.ros.launch_parts import arm_node, declare, rviz, value_of
 
 
 def start(context):
-    """Everything to start, once the arguments have values."""
+    """Return all actions, for the values of the arguments in ``context``."""
     actions = [arm_node(context), rviz('octo_arm.rviz', LaunchConfiguration('namespace'))]
     bag = value_of('bag', context)
     if bag:
-        # The bag comes first: --clock takes what follows it for its frequency.
+        # The bag comes first, as --clock would take it for its frequency.
         command = ['ros2', 'bag', 'play', bag, '--clock']
         actions.append(ExecuteProcess(cmd=command, output='screen'))
     return actions
 
 
 def generate_launch_description():
-    """Declare the arguments; what they say decides what is started."""
+    """Return the arguments and the function that starts everything by their values."""
     return LaunchDescription(
         [
             *declare('params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'frame_prefix'),

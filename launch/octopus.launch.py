@@ -1,4 +1,4 @@
-"""Eight arms around a body, each a node in a namespace of its own: arm_1 to arm_8."""
+"""Start eight arms around a body, each a node in its own namespace: arm_1 to arm_8."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -18,25 +18,25 @@ from octo_arm_model.ros.launch_parts import (
 
 
 def start(context):
-    """The eight nodes and, if wanted, RViz, once the arguments have values."""
+    """Return the eight nodes, and on request RViz, for the values of the arguments."""
     radius = float(value_of('radius', context))
     file = params_file(context)
     common = sim_time() | overrides(context, 'model') | {'base_frame': text('base_frame')}
     actions = [rviz('octopus.rviz', arguments=['-f', LaunchConfiguration('base_frame')])]
     for number in range(1, ARMS + 1):
         position, quaternion = base_pose(number, radius)
-        own = {
+        parameters = {
             'base.position': position,
             'base.quaternion': quaternion,
             'frame_prefix': f'arm_{number}_',
         }
-        arm = node('octo_arm_node', 'octo_arm', f'arm_{number}', file, common | own)
+        arm = node('octo_arm_node', 'octo_arm', f'arm_{number}', file, common | parameters)
         actions.append(arm)
     return actions
 
 
 def generate_launch_description():
-    """Declare the arguments; what they say decides what is started."""
+    """Return the arguments and the function that starts everything by their values."""
     return LaunchDescription(
         [
             *declare('params_file', 'use_sim_time', 'rviz', 'model'),

@@ -1,4 +1,4 @@
-"""A simulated arm that moves and controllers of ros2_control that drive its tendons."""
+"""Start a simulated arm that moves, and controllers of ros2_control that drive its tendons."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -23,7 +23,7 @@ CONTROLLER = {'effort': 'tendon_effort_controller', 'position': 'tendon_position
 
 
 def start(context):
-    """Everything to start, once the arguments have values."""
+    """Return all actions, for the values of the arguments in ``context``."""
     namespace, file = LaunchConfiguration('namespace'), params_file(context)
     interface = value_of('interface', context)
     config = load_config(file)
@@ -57,7 +57,7 @@ def start(context):
 
 
 def generate_launch_description():
-    """Declare the arguments; what they say decides what is started."""
+    """Return the arguments and the function that starts everything by their values."""
     file = PathJoinSubstitution(
         [FindPackageShare(PACKAGE), 'config/ros2_control/controllers.yaml']
     )
@@ -74,7 +74,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'controllers_file',
                 default_value=file,
-                description='parameter file of the controllers, by default of the arm of '
+                description='parameter file of the controllers; the default is for the arm '
                 'renda2012_table4',
             ),
             OpaqueFunction(function=start),

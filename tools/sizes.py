@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Check that no folder of the package has more lines than it may: part of `make lint`.
+"""Check that no folder of the package has more lines than its bound: part of `make lint`.
 
-And that no line is kept from the formatter. Raising a bound is a decision, which the commit
-explains; lowering one is progress.
+Check also that no line is kept from the formatter. To raise a bound is a decision that the commit
+explains; to lower one is progress.
 
     python3 tools/sizes.py
 """
@@ -14,7 +14,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
-# Lines of Python, docstrings and comments included.
+# Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
     'octo_arm_model': 44_840,
     'octo_arm_model/analysis': 1_600,
@@ -36,17 +36,17 @@ MOST = {
 
 
 def count_lines(folder: Path) -> int:
-    """Lines of all Python files below a ``folder``."""
+    """Return the number of lines of all Python files below a ``folder``."""
     return sum(len(file.read_text(encoding='utf-8').splitlines()) for file in folder.rglob('*.py'))
 
 
 def main() -> int:
-    """Print every folder that is too large or has no bound, and return whether there is one."""
+    """Print all folders that are too large or have no bound; return 1 if there is one, else 0."""
     complaints = []
     for name, most in MOST.items():
-        found = count_lines(ROOT / name)
-        if found > most:
-            complaints.append(f'{name} has {found} lines of Python, at most {most} are allowed')
+        lines = count_lines(ROOT / name)
+        if lines > most:
+            complaints.append(f'{name} has {lines} lines of Python, at most {most} are allowed')
     for folder in sorted((ROOT / 'octo_arm_model').iterdir()):
         name = folder.relative_to(ROOT).as_posix()
         if folder.is_dir() and folder.name != '__pycache__' and name not in MOST:

@@ -1,1 +1,1 @@
-"""Programs that start several nodes: octo_arm_demo and octo_arm_octopus."""
+"""The programs that start several nodes: octo_arm_demo and octo_arm_octopus."""

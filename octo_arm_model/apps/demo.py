@@ -32,22 +32,22 @@ if TYPE_CHECKING:
     from octo_arm_model.ros.client.client import ArmClient
 
 
-# Arguments after --ros-args of a simulator whose arm moves and of a node of the same arm: the true
-# shape is in the place of that at rest under its tensions.
+# Arguments after --ros-args of a simulator whose arm moves and of the node of that arm: the true
+# shape takes the topics of the shape at rest under the tensions.
 TRUE_SHAPE = tuple(
     [word for name in BACKBONE_TOPICS for word in ('-r', f'{before}{name}:={after}{name}')]
     for before, after in (('ground_truth/', ''), ('', 'at_rest/'))
 )
-DOMAINS = 102  # beyond these the ports of DDS are among those that Linux hands out
+DOMAINS = 102  # ports of DDS in higher domains are among those that Linux assigns itself
 _VARIABLE = 'ROS_DOMAIN_ID'
 
 
 @contextlib.contextmanager
 def own_domain(prog: str, namespace: str = '') -> Iterator[None]:
-    """Run the block and its children in a domain with no other such block of ``namespace``.
+    """Run the block and its children in a domain without another such block of ``namespace``.
 
-    The domains are tried from the present one on. Another one is told, as of the program ``prog``,
-    and set in the environment.
+    The domains are tried from the present one on. The program ``prog`` reports another one, which
+    is set in the environment.
 
     Raises:
         ConfigError: if the present domain is no number, or all are taken.
@@ -57,7 +57,7 @@ def own_domain(prog: str, namespace: str = '') -> Iterator[None]:
         raise ConfigError(f'{_VARIABLE} is {text!r}, expected a number')
     first = int(text)
     for domain in (first, *((first + more) % DOMAINS for more in range(1, DOMAINS))):
-        # A name without a file, which the kernel frees with the process, however that ends.
+        # A name without a file, which the kernel frees when the process ends in any way.
         with socket.socket(socket.AF_UNIX) as mark:
             try:
                 mark.bind(f'\0octo_arm_model{namespace}/domain_{domain}')
@@ -76,7 +76,7 @@ def own_domain(prog: str, namespace: str = '') -> Iterator[None]:
 
 
 def add_optional_page(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a program that can do without its page."""
+    """Add the options of a program that can run without its page."""
     parser.add_argument('--no-viewer', action='store_true', help='numbers only')
     add_address(parser)
 
@@ -84,13 +84,13 @@ def add_optional_page(parser: argparse.ArgumentParser) -> None:
 def open_page(
     options: argparse.Namespace, stack: contextlib.ExitStack, title: str
 ) -> viser.ViserServer | None:
-    """Server of a page until ``stack`` is closed; None with --no-viewer or without viser.
+    """Return the server of a page until ``stack`` is closed; None with --no-viewer or no viser.
 
-    ``title`` is that of the browser's tab.
+    ``title`` is the title of the tab in the browser.
 
     Raises:
-        AddressError: if the page cannot be served where ``options`` say.
-        ConfigError: if they say it with --no-viewer.
+        AddressError: if the page cannot be served at the address in ``options``.
+        ConfigError: if an address is given with --no-viewer.
     """
     if options.no_viewer:
         if given := sorted({'host', 'port', 'allow_origin'} & set(getattr(options, 'given', ()))):
@@ -106,13 +106,13 @@ def open_page(
     return stack.enter_context(page)
 
 
-RATE = 50.0  # [Hz] of the simulated tensions
-LINE_PERIOD = 1.0  # [s] between lines of numbers where there is no terminal
+RATE = 50.0  # rate of the simulated tensions [Hz]
+LINE_PERIOD = 1.0  # time between lines of numbers without a terminal [s]
 _MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # in order of preference
-_SLOWLY = 0.3  # highest speed of the movement of an arm that is pushed
-_POLL = 1.0 / 30.0  # [s]
-_GAP = 0.2  # [s] between readings that are used where the machine is busy
-_WINCHES = 0.2  # largest speed of the winches of an arm that moves, over its length [1/s]
+_SLOWLY = 0.3  # highest speed factor of the movement of an arm that is pushed
+_POLL = 1.0 / 30.0  # time between two looks for messages [s]
+_GAP = 0.2  # time between readings that are used on a busy machine [s]
+_WINCHES = 0.2  # largest speed of winches over the length of the arm [1/s]
 _PROG = 'octo_arm_demo'
 _EPILOG = """\
 examples:
@@ -120,7 +120,7 @@ examples:
   octo_arm_demo renda2012_table2 --port 8081
   octo_arm_demo renda2012_prototype --no-viewer
   octo_arm_demo renda2012_table4 --moving        # with inertia, in water
-  octo_arm_demo renda2012_prototype --estimate   # it is pushed; who pushes it is found out
+  octo_arm_demo renda2012_prototype --estimate   # it is pushed, and the force is estimated
   octo_arm_demo renda2012_prototype --estimate --moving
 
 The simulator moves the arm until a slider of the page, or `octo-arm play`, takes over.
@@ -128,13 +128,13 @@ The simulator moves the arm until a slider of the page, or `octo-arm play`, take
 
 
 def movement_of(arm: Arm) -> str:
-    """Name of the first of the preferred movements that is for ``arm``."""
+    """Return the name of the first of the preferred movements that is for ``arm``."""
     names = profile_names(arm)
     return next(name for name in _MOVEMENTS if name in names)
 
 
 def describe(client: ArmClient) -> str:
-    """Tip, distance to the base, rate and latency of the newest shape."""
+    """Return tip, distance to the base, rate and latency of the newest shape as a line of text."""
     if client.shape is None:
         return 'waiting for the node ...'
     base, tip = client.shape.position[[0, -1]] * 1e3
@@ -149,7 +149,7 @@ def describe(client: ArmClient) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run until a signal comes or a child process ends; returns the exit status."""
+    """Run until a signal comes or a child process ends, and return the exit status."""
     parser = make_parser(
         _PROG, 'Start node, simulator and viewer of an arm, until Ctrl-C.', _EPILOG
     )
@@ -176,7 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _show(options: argparse.Namespace) -> int:
-    # Needs ROS, --help does not.
+    # These need ROS, --help does not.
     from octo_arm_model.ros.client.client import POSES, ArmClient
     from octo_arm_model.ros.start import client_node
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from octo_arm_model.ros.client.client import ArmClient
 
-RATE = 30.0  # [Hz] of the tensions of each arm
+RATE = 30.0  # rate of the tensions of each arm [Hz]
 PROCESSES = 2
 FRAME = 'octopus'
 _TENSIONS = 'tendon_tensions'
@@ -45,14 +45,14 @@ examples:
 
 
 class Crawl:
-    """Plays one movement on all arms, each an eighth of a period ahead of the previous arm."""
+    """A movement of all arms, each an eighth of a period ahead of the previous arm."""
 
     def __init__(self, node: Node, config: Config, movement: str, topic: str) -> None:
-        """Publish on ``node`` tensions for eight arms of ``config``, on a ``topic`` of each.
+        """Publish tensions for eight arms of ``config`` by ``node``, on a ``topic`` for each arm.
 
         Raises:
-            ProfileError: if there is no such ``movement`` of this arm, or it goes beyond the
-                limit of a tendon.
+            ProfileError: if there is no such ``movement`` for this arm, or it is beyond the limit
+                of a tendon.
         """
         from octo_arm_model.ros.client.commands import CommandPublisher
 
@@ -70,7 +70,7 @@ class Crawl:
         now = time.monotonic()
         if now < self._due:
             return
-        # Late tensions are skipped.
+        # After a delay the missed tensions are skipped.
         self._due = max(self._due + 1.0 / RATE, now)
         stamp = self._node.get_clock().now().to_msg()
         for number, publisher in enumerate(self._publishers):
@@ -80,7 +80,7 @@ class Crawl:
 
 
 def describe(clients: Sequence[ArmClient]) -> str:
-    """Rate of all arms together and of the slowest, and the largest latency, as a line of text."""
+    """Return rates of all arms and of the slowest, and the largest latency, as a line of text."""
     seen = [client for client in clients if client.shape is not None]
     if len(seen) < len(clients):
         return f'{len(seen)} of {len(clients)} arms are there ...'
@@ -97,7 +97,7 @@ def describe(clients: Sequence[ArmClient]) -> str:
 
 
 def host(config_file: str, numbers: Sequence[int], is_moving: bool) -> None:
-    """Run the nodes of the arms ``numbers``, and simulators of them, until a signal comes."""
+    """Run the nodes, and simulators if they move, of the arms ``numbers`` until a signal comes."""
     import rclpy
 
     from octo_arm_model.ros.node.main import OctoArmNode, make_executor
@@ -105,14 +105,14 @@ def host(config_file: str, numbers: Sequence[int], is_moving: bool) -> None:
     from octo_arm_model.ros.start import start_ros
 
     is_over = stop_signals()
-    # Errors only, as all nodes log the same lines.
+    # All nodes log the same lines, so only errors are logged.
     start_ros(['--ros-args', '--log-level', 'error'])
     executor = make_executor()
     nodes: list[Node] = []
     water = in_water(load_config(config_file)) if is_moving else {}
     simulated = {'rate': RATE, 'dynamics': water.pop('dynamics', False)}
     shown, hidden = demo.TRUE_SHAPE
-    hidden = [*hidden, '-r', f'{_TENSIONS}:=at_rest/{_TENSIONS}']  # which would be solved in vain
+    hidden = [*hidden, '-r', f'{_TENSIONS}:=at_rest/{_TENSIONS}']  # the node need not solve
     for number in numbers:
         position, quaternion = base_pose(number)
         settings = {
@@ -169,7 +169,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _show(options: argparse.Namespace) -> int:
-    # Needs ROS, --help does not.
+    # These need ROS, --help does not.
     from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
     from octo_arm_model.ros.start import client_node
 
