@@ -42,9 +42,9 @@ def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
         fixed in (-1, size) for size, fixed in zip(array.shape, shape)
     )
     if not fits or not array.size or not (np.abs(array) <= _LARGEST).all():
-        words = ' x '.join('n' if size < 0 else str(size) for size in shape) or 'one'
-        expected = f'{words} finite number(s), none beyond {_LARGEST:g}'
-        raise TargetError(f'{name} is {shown(value)}, expected {expected}')
+        counts = ' x '.join('n' if size < 0 else str(size) for size in shape)
+        what = f'{counts} finite numbers, each' if counts else 'a finite number'
+        raise TargetError(f'{name} is {shown(value)}, expected {what} of at most {_LARGEST:g}')
     return array
 
 

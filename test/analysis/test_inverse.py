@@ -175,7 +175,7 @@ def test_jacobians_of_targets_are_their_derivatives(solver, name):
     [
         (lambda: TipPosition([0.0, 0.0]), 'tip position is .*, expected 3 finite'),
         (lambda: TipPosition([0.0, np.nan, 0.0]), 'tip position is .*, expected 3 finite'),
-        (lambda: TipPosition([0.0, 1e300, 0.0]), 'tip position is .*, none beyond 1e'),
+        (lambda: TipPosition([0.0, 1e300, 0.0]), 'tip position is .*, each of at most 1e'),
         (lambda: TipPose([0.0] * 3, [0.0, 0.0, 0.0, 2.0]), 'tip quaternion is .*, expected'),
         (lambda: Bending(0.0, 4.0), 'bending angle is 4.0, expected 0 to pi'),
         (lambda: Bending(np.inf, 1.0), 'bending plane is inf'),

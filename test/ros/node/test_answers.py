@@ -341,7 +341,7 @@ def test_the_service_find_tensions_reaches_what_can_be_reached(loaded):
     request.stiffness = 5.0
     for highest, direction, words in (
         ([1.0, 2.0], 1.0, 'highest has 2 values'),
-        ([], math.inf, 'expected three finite numbers'),
+        ([], math.inf, 'expected 3 finite numbers'),
     ):
         request.highest, request.stiffness_direction.x = highest, direction
         refused = loaded.call(FindTensions, 'find_tensions', request)
