@@ -17,6 +17,7 @@ from octo_arm_model.ros.launch_parts import (
     text,
     value_of,
 )
+from octo_arm_model.simulation.movements import find_profile
 from octo_arm_model.simulation.pushed_arm import touched
 from octo_arm_model.simulation.simulator import for_arm_node, for_true_arm
 
@@ -29,12 +30,13 @@ def start(context):
         of_simulator.append(LaunchConfiguration('simulator_file'))
         of_load_cells = for_arm_node(load_parameters(simulator_file))
     of_simulator.append(sim_time())
-    if value_of('profile', context):
+    if movement := value_of('profile', context):
         of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
     program, of_arm, of_truth = 'octo_arm_node', of_load_cells, {}
     config = load_config(file)
     if is_true('estimate', context):
-        of_sensors, of_estimator = touched(config)
+        profile = find_profile(movement, config.arm) if movement else None
+        of_sensors, of_estimator = touched(config, profile)
         of_simulator.append(of_sensors)
         of_truth = {'model': of_sensors['model']}
         program, of_arm = 'octo_arm_estimator', {**of_load_cells, **of_estimator}

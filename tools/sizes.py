@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_840,
+    'octo_arm_model': 44_790,
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 460,
     'octo_arm_model/arm': 2_490,
@@ -28,10 +28,10 @@ MOST = {
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_210,
     'octo_arm_model/ros': 4_800,
-    'octo_arm_model/simulation': 2_210,
+    'octo_arm_model/simulation': 2_220,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_410,
-    'test': 24_180,
+    'test': 24_210,
 }
 
 

@@ -196,14 +196,9 @@ def _show(options: argparse.Namespace) -> int:
             shown, hidden = TRUE_SHAPE
     commands: list[Sequence[str]] = [('octo_arm_model.ros.node.main', *common, *hidden)]
     if options.estimate:
-        pushing, estimating = touched(config, is_moving=options.moving)
-        # In `_GAP` tensions change by no more than the standard deviation of their random walk:
-        # what changes faster is taken for the reading of a faulty load cell.
         profile = find_profile(movement, config.arm)
-        samples = profile.at(np.arange(0.0, profile.duration, 1.0 / RATE))
-        fastest = float(np.abs(np.diff(samples, axis=0)).max(initial=0.0))
-        speed = estimating['estimator.tension_rate'] / _GAP**0.5 / max(RATE * fastest, 1e-9)
-        playing |= {**pushing, 'profile.speed': min(_SLOWLY, speed)}
+        pushing, estimating = touched(config, profile, options.moving)
+        playing |= pushing
         commands = [
             ('octo_arm_model.ros.estimator.main', *common, *parameter_arguments(estimating))
         ]

@@ -90,10 +90,11 @@ def forces_at_stations(arm: Arm, grid: StationGrid, loads: Loads) -> FloatArray:
     """Return forces at the stations (stations, 3) [N] with the moment of those of ``loads``.
 
     Raises:
-        MeasurementError: if there are loads in ``loads.others``.
+        MeasurementError: if there are loads in ``loads.others``, or obstacles.
     """
-    if loads.others:
-        raise MeasurementError('base wrench: loads.others are not covered')
+    for kind in ('others', 'obstacles'):
+        if getattr(loads, kind):
+            raise MeasurementError(f'base wrench: loads.{kind} are not covered')
     points, weights = leggauss(_GAUSS)
     inner = [s for s in (*loads.knots, *arm.discs.faces) if 0.0 < s < arm.length]
     ends = np.union1d(grid.s, inner)

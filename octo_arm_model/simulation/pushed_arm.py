@@ -1,7 +1,6 @@
 """Simulated arms: the push, the sensors besides load cells, and the arm at rest."""
 
 import dataclasses
-import functools
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from octo_arm_model.estimation.base_wrench import forces_at_stations
 from octo_arm_model.estimation.settings import MAX_MARKERS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of
+from octo_arm_model.simulation.profiles import CommandProfile
 
 _AXES: tuple[Vector, ...] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _RATE = 'how often it is measured [Hz], at most rate; 0 for never'
@@ -180,7 +180,8 @@ class PushedArm(SimulatedArm):
         """Simulate the arm of ``config``.
 
         Raises:
-            OctoArmError: if the model has no loads, or does not cover the arm.
+            OctoArmError: if the model has no loads, or does not cover the arm, or the sensor under
+                the base does not cover its loads.
         """
         super().__init__(config, push, sensors, any(push.force))
         self._solver = self._pushed.solver()
@@ -188,6 +189,8 @@ class PushedArm(SimulatedArm):
         self._shape: Backbone | None = None
         self._force = np.zeros(3)
         self._push_s = push.s or config.arm.length
+        if sensors.base_wrench_rate:
+            self._forces = forces_at_stations(config.arm, self._solver.grid, config.loads)
 
     def go_on_from(self, before: SimulatedArm) -> bool:
         """Take the shape of the same arm ``before``, or return whether friction is forgotten."""
@@ -221,17 +224,9 @@ class PushedArm(SimulatedArm):
         assert self._shape is not None
         return self._shape
 
-    @functools.cached_property
-    def _forces(self) -> FloatArray:
-        return forces_at_stations(self._config.arm, self._solver.grid, self._config.loads)
-
     @property
     def true_base_wrench(self) -> FloatArray:
-        """The force and the moment of all loads about the base, (6,) [N, N m].
-
-        Raises:
-            MeasurementError: if there are loads of kinds that are not covered.
-        """
+        """The force and the moment of all loads about the base, (6,) [N, N m]."""
         shape, loads = self.backbone, self._config.loads
         moments = [loads.tip_moment, *(point.moment for point in loads.points)]
         lever = CubicSpline(shape.s, shape.position - shape.position[0])
@@ -247,11 +242,19 @@ _TOUCHED_RATE = 25.0  # rate of the sensors [Hz]
 # Noise of positions over the length, of rotations [rad], of tensions over the highest tension.
 _POSITION, _ROTATION, _TENSION = 2e-3, 0.03, 1e-3
 _CHANGE = 0.15  # change of tensions in a second, relative to the highest tension
+_SLOWLY = 0.3  # highest speed of the movement of an arm that is pushed
+_GAP, _SAMPLE = 0.2, 0.02  # time between readings that a busy machine uses, and of samples [s]
 _MARKERS = (1 / 3, 2 / 3)  # arc coordinates of the markers over the length
 
 
-def touched(config: Config, is_moving: bool = False) -> tuple[dict[str, Any], dict[str, Any]]:
+def touched(
+    config: Config, profile: CommandProfile | None = None, is_moving: bool = False
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return parameters of `octo_arm_sim` and `octo_arm_estimator`, besides those of the arm.
+
+    The simulator plays ``profile`` so slowly that tensions change between two readings by no more
+    than the standard deviation of their random walk: the estimator takes what changes faster for
+    the reading of a faulty load cell.
 
     The estimator takes the arm to be in balance, so that inertia and drag of an arm that moves are
     unknown forces at the tip and the markers, which change faster than a push. They do not explain
@@ -282,6 +285,11 @@ def touched(config: Config, is_moving: bool = False) -> tuple[dict[str, Any], di
         'estimator.marker_stddev': _POSITION * length,
         'estimator.force_time': 0.5,
     }
+    if profile is not None:
+        samples = profile.at(np.arange(0.0, profile.duration, _SAMPLE))
+        fastest = float(np.abs(np.diff(samples, axis=0)).max(initial=0.0)) / _SAMPLE
+        speed = _CHANGE * highest / math.sqrt(_GAP) / max(fastest, 1e-9)
+        simulator['profile.speed'] = min(_SLOWLY, speed)
     if is_moving:
         simulator['sensors.tip_rotation_stddev'] = 0.0
         estimator |= {

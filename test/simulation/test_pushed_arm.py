@@ -7,12 +7,17 @@ import pytest
 from checkout import PRESETS
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model import Config, ConfigError, Loads, OctoArmError, PointLoad
+from octo_arm_model import Config, ConfigError, Loads, OctoArmError, Plane, PointLoad
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.estimate import contact_of
 from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition
+from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.estimation.unknowns import Unknowns, Walk
+from octo_arm_model.simulation.movements import find_profile
 from octo_arm_model.simulation.pushed_arm import PERIOD, Push, PushedArm, Sensors, touched
 from octo_arm_model.simulation.simulator import SimulatorConfig, in_water
 
@@ -51,6 +56,7 @@ def test_the_noise_is_as_large_as_it_is_said_to_be():
         tip_rotation_stddev=0.02,
         marker_s=PLACES,
         marker_stddev=2e-3,
+        base_wrench_rate=10.0,
         base_force_stddev=3e-3,
         base_moment_stddev=4e-4,
     )
@@ -188,6 +194,28 @@ def test_a_moving_arm_is_measured_by_what_forces_at_a_few_places_explain():
     (resting, _), (moving, _) = touched(config), touched(config, is_moving=True)
     # Inertia between these places turns the tip.
     assert resting['sensors.tip_rotation_stddev'] and not moving['sensors.tip_rotation_stddev']
+
+
+def test_a_sensor_under_the_base_is_refused_beside_obstacles():
+    floor = Loads(obstacles=(Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0), stiffness=1e4),))
+    beside = dataclasses.replace(CONFIG, loads=floor)
+    assert PushedArm(beside, Push(), Sensors(tip_pose_rate=10.0))
+    with pytest.raises(MeasurementError, match='obstacles are not covered'):
+        PushedArm(beside, Push(), EXACT)
+    model = ArmModel(CONFIG.arm, Unknowns(Walk(5.0, 1.0)), loads=floor)
+    prediction = Prediction(model, np.zeros(model.state.size), None)
+    with pytest.raises(MeasurementError, match='obstacles are not covered'):
+        BaseWrench(np.zeros(6), 1.0).innovation(prediction)
+
+
+@pytest.mark.parametrize('name', ['fetching', 'rotating'])
+def test_a_profile_changes_tensions_as_slowly_as_the_estimator_expects(name):
+    config = Config.from_parameters(load_parameters('renda2012_table4'))
+    profile = find_profile(name, config.arm)
+    simulator, estimator = touched(config, profile)
+    time = np.arange(0.0, profile.duration / simulator['profile.speed'], 0.2)
+    change = np.diff(profile.at(simulator['profile.speed'] * time), axis=0)
+    assert 0.0 < np.abs(change).max() < 1.01 * estimator['estimator.tension_rate'] * np.sqrt(0.2)
 
 
 @pytest.mark.parametrize('name', ['renda2012_prototype', 'renda2012_table4'])
