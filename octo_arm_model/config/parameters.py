@@ -38,8 +38,8 @@ class DiagnosticLimits(ParameterGroup):
         'age on arrival from which stamps of tensions are called old [s]', 1.0, '>= 0', 'time'
     )
     ahead_limit: float = stated(
-        'how far stamps of tensions may be ahead of the clock, beside twice the last step of a '
-        'simulated one [s]',
+        'time that stamps of tensions may be ahead of the clock, beside twice the last step of a '
+        'simulated clock [s]',
         0.1,
         '>= 0',
         'time',
@@ -53,13 +53,13 @@ _WATERS = ' or '.join(WATERS)
 # The grammar is that of `read_table`.
 _TABLE = f"""\
 model | string | {DEFAULT_MODEL!r} | {_MODELS}
-    what turns tensions into strains: {_MODELS}
+    model of the statics: {_MODELS}
 stations | integer | {DEFAULT_STATIONS} | 2 and 1 for each anchorage and load, to {MAX_STATIONS}
     stations along the backbone, anchorages and loads among them; at most {MAX_STATIONS}
 base_frame | string | 'arm_base'
     frame the backbone is expressed in
 frame_prefix | string | ''
-    what the names of the frames of tip and anchorages begin with
+    prefix of the names of the frames of tip and anchorages
 base.position | double[] | [0.0, 0.0, 0.0]
     position of the base in base_frame [m]
 base.quaternion | double[] | [0.0, 0.0, 0.0, 1.0] | of length 1
@@ -90,10 +90,10 @@ body.radius_tip | double | | > 0 | unless body.table_s body.width
     radius at the tip [m]; the arm is refused where more than {MAX_INTERVALS} intervals, each
     no longer than thick, are needed
 body.disc_radius | double | 0.0 | >= 0
-    radius of discs that lead tendons outside the body [m]; 0 for none; tendons are led all
-    along, unless tendons.discs or disc_count says where the discs are
+    radius of discs that guide tendons outside the body [m]; 0 for none; they guide tendons
+    everywhere, unless tendons.discs or disc_count says where the discs are
 body.table_s | double[] | [] | increasing from 0 to the tip | most {MAX_TABLE_POINTS}
-    arc coordinates of a body that is no cone, from 0 to the tip [m]
+    arc coordinates of a body that is not a cone, from 0 to the tip [m]
 body.table_radius | double[] | [] | > 0
     radius at each of table_s [m]
 body.inner_radius | double | 0.0 | 0 <= inner_radius < radius
@@ -109,13 +109,12 @@ body.table_width | double[] | [] | > 0, with table_height
 body.table_height | double[] | [] | > 0, with table_width
     height at each of body.table_s [m]
 stiffness.axial | double | 0.0 | >= 0
-    E A of the cross sections [N], where it is measured; 0 for that of body and material, as
-    the next
+    measured E A of the cross sections [N]; 0 for that of body and material
 stiffness.bending | double[] | [] | >= 0
     E J of bending about n and about b [N m^2], or one number for both; empty for that of body
     and material
 stiffness.torsion | double | 0.0 | >= 0
-    G I of the cross sections [N m^2]
+    G I of the cross sections [N m^2]; 0 for that of body and material
 stiffness.table_s | double[] | [] | increasing from 0 to the tip | most {MAX_TABLE_POINTS}
     arc coordinates of stiffness that varies along the arm, a smooth monotone cubic between
     them, from 0 to the tip [m]
@@ -128,9 +127,9 @@ stiffness.table_bending_b | double[] | [] | > 0
 stiffness.table_torsion | double[] | [] | > 0
     G I [N m^2] at each of stiffness.table_s; empty for torsion
 rest_curvature | double[] | [0.0, 0.0]
-    curvatures about n and about b of the arm where nothing acts on it [1/m]
+    curvatures about n and about b of the unloaded arm [1/m]
 rest_torsion | double | 0.0
-    rotation of the cross sections about the tangent per length there [1/m]
+    torsion of the unloaded arm [1/m]
 rest.table_s | double[] | [] | increasing from 0 to the tip | most {MAX_TABLE_POINTS}
     arc coordinates of a shape at rest that varies along the arm, a smooth monotone cubic
     between them, from 0 to the tip [m]
@@ -152,85 +151,83 @@ tendons.angle | double[] | [] | from -2 pi to 2 pi
     direction of each tendon at the base [rad], from n towards b, section by section from the
     tip; empty for even spacing from n on
 tendons.twist | double[] | []
-    angle each tendon winds about the midline up to its anchorage [rad]; empty for straight
-    ones
+    angle by which each tendon winds about the midline up to its anchorage [rad]; empty for
+    straight tendons
 tendons.table_s | double[] | [] | increasing from 0 to all anchorages | most {MAX_TABLE_POINTS}
     arc coordinates of tabulated paths of all tendons, from 0 on [m]
 tendons.table_between | string | 'pchip' | pchip or linear | choice
-    what distance and direction do between table_s: pchip, a smooth monotone cubic, or linear,
-    with kinks at table_s as at rings that guide the tendons
+    interpolation of distance and direction between table_s: pchip, a smooth monotone cubic, or
+    linear, with kinks at table_s as at rings that guide the tendons
 tendons.table_offset | double[] | [] | 0 to the radius of body or discs | most {MAX_TENDON_TABLE}
     distance from the midline at each of table_s [m], tendon after tendon
 tendons.table_angle | double[] | [] | | most {MAX_TENDON_TABLE}
     direction at each of table_s [rad], tendon after tendon; empty for angle
 tendons.axial_stiffness | double[] | [] | >= 0
-    E A of each tendon itself [N], section by section from the tip, or one number for all, by
-    which a winch that is driven by length has to reel in more; 0 for one that does not
-    stretch; empty for none that does
+    E A of each tendon [N], section by section from the tip, or one number for all; winches
+    that are driven by length reel in the stretch too; 0 for a tendon that does not stretch;
+    empty if none does
 tendons.free_length | double[] | [] | >= 0
-    length of each tendon between the base and its winch [m], which stretches as well as what
-    runs in the arm, or one number for all; empty for none
+    length of each tendon between the base and its winch [m], which stretches too, or one
+    number for all; empty for none
 tendons.sheath_stiffness | double[] | [] | >= 0
-    stiffness k of the body about each tendon [Pa]: force per length over how far it digs in,
-    section by section from the tip, or one number for all; with model exact; 0 for tendons
-    that keep their places; empty for all such
+    stiffness k of the body about each tendon [Pa]: force per length over the depth to which the
+    tendon presses in, section by section from the tip, or one number for all; with model exact;
+    0 for a rigid sheath; empty if all are rigid
 tendons.friction | double[] | [] | >= 0, at most {MAX_FRICTION:g}
     Coulomb's coefficient of friction mu of the tendons in their guides [-], one for all or one
     per tendon, section by section from the tip; empty for none; with model closed_form or
     exact
 tendons.discs | double[] | [] | increasing, in (0, body.length] | most {MAX_DISCS}
     arc coordinates of the faces towards the tip of discs between which tendons are straight
-    [m]; anchorages are discs too; empty for tendons that the body leads all along; with model
+    [m]; anchorages are discs too; empty for tendons that the body guides everywhere; with model
     exact
 tendons.disc_count | integer | 0 | 0 to {MAX_DISCS}
-    number of discs, spaced evenly from the base to the tip, which is the last, instead of
-    discs; 0 for none; at most {MAX_DISCS}
+    number of evenly spaced discs, the last of them at the tip, instead of discs; 0 for none;
+    at most {MAX_DISCS}
 tendons.disc_thickness | double | 0.0 | >= 0, less than the distance of discs
-    thickness of every disc, which is rigid, from its face on towards the base [m]; 0 for thin
-    ones
+    thickness of every disc, which is rigid, from its face towards the base [m]; 0 for thin
+    discs
 tendons.disc_mass | double | 0.0 | >= 0
-    mass of every disc, without that of what it displaces of the fluid [kg]; where
-    disc_thickness is not 0
+    mass of every disc less that of the fluid it displaces [kg]; if disc_thickness is not 0
 tendon_names | string[] | [] | distinct, not empty
     names of the tendons, section by section from the tip; empty for tendon_<section>_<tendon>
 tendon_limits | double[] | [] | > 0
-    largest tension that may be commanded of each tendon [N], section by section from the tip;
-    empty for what the arm bears
+    largest tension that may be commanded for each tendon [N], section by section from the tip;
+    empty for the largest that the arm bears
 tension_names | string[] | [] | distinct, but for -
-    name of the tension of each tendon in the messages that come in, or its number from 0 on
-    where they have no names, section by section from the tip; - for a tendon without a load
-    cell, which is slack; empty for tendon_names
+    name of the tension of each tendon in incoming messages, or its index from 0 on in messages
+    without names, section by section from the tip; - for a tendon without a load cell, which
+    is slack; empty for tendon_names
 tension_type | string | ''
-    type of the messages of tensions on the topic tendon_tensions/field, such as
+    type of the messages on the topic tendon_tensions/field, such as
     sensor_msgs/msg/LaserScan; empty for no such topic
 tension_field | string | ''
-    the field of these that holds the tensions [N], such as ranges, wrench.force or
+    field of these messages with the tensions [N], such as ranges, wrench.force or
     poses[0].position.x
 tension_deadband | double | 0.0 | >= 0
-    tensions within this of zero are zero, as load cells of slack tendons read; those further
-    below are refused [N]
+    largest reading of a load cell of a slack tendon: tensions within it count as zero, and
+    those further below zero are refused [N]
 tension_offset | double[] | []
-    what is added to the reading of each load cell, after tension_scale, section by section
-    from the tip [N]; empty for nothing
+    offset that is added to the reading of each load cell, after tension_scale, section by
+    section from the tip [N]; empty for 0
 tension_scale | double[] | [] | > 0
-    what the reading of each load cell is multiplied by, section by section from the tip [-];
-    empty for 1
+    factor on the reading of each load cell, section by section from the tip [-]; empty for 1
 displacement_type | string | ''
     type of the messages of encoders on tendon_displacements/field; empty for no such topic
 displacement_field | string | ''
-    the field of these that holds the readings, such as angle or motors[0].position
+    field of these messages with the readings, such as angle or motors[0].position
 displacement_names | string[] | [] | not empty
-    name of the reading of the encoder of each tendon in the messages that come in, or its
-    number from 0 on where they have no names, section by section from the tip; tendons that
-    one motor reels have the same; - for a tendon without an encoder; empty for tendon_names
+    name of the reading of the encoder of each tendon in incoming messages, or its index from 0
+    on in messages without names, section by section from the tip; the same for tendons that
+    one motor reels; - for a tendon without an encoder; empty for tendon_names
 displacement_scale | double[] | [] | not 0
-    length reeled in per unit of what the encoder reads [m]: the radius of the spool for
-    radians, its circumference over the counts of a turn for counts; < 0 where the motor lets
-    out as it turns forwards; one for all or one per tendon, section by section from the tip;
-    empty for 1
+    length reeled in per unit of the reading of the encoder [m]: the radius of the spool for
+    radians, its circumference over the counts of a turn for counts; < 0 if the motor lets the
+    tendon out as it turns forwards; one for all or one per tendon, section by section from the
+    tip; empty for 1
 displacement_offset | double[] | []
-    what is added to the length of each encoder, after displacement_scale, section by section
-    from the tip [m]; empty for nothing
+    offset that is added to the length of each encoder, after displacement_scale, section by
+    section from the tip [m]; empty for 0
 loads.gravity | double[] | [0.0, 0.0, 0.0]
     acceleration of gravity in base_frame [m/s^2]
 loads.fluid_density | double | 0.0 | >= 0
@@ -240,8 +237,8 @@ loads.tip_force | double[] | [0.0, 0.0, 0.0]
 loads.tip_moment | double[] | [0.0, 0.0, 0.0]
     moment on the tip in base_frame [N m]
 loads.tip_frame | string | 'base' | base or tip | choice
-    axes of tip_force and tip_moment: base, for base_frame, or tip, for t, n and b of the tip,
-    with which they turn
+    axes of tip_force and tip_moment: base for base_frame, or tip for t, n and b of the tip,
+    which turn with it
 loads.point_s | double[] | [] | in [0, body.length] | most {MAX_POINT_LOADS}
     arc coordinates of point forces [m]
 loads.point_force | double[] | [] | | most {3 * MAX_POINT_LOADS}
@@ -251,16 +248,16 @@ loads.distributed_s | double[] | [] | increasing, in [0, body.length] | most {MA
 loads.distributed_force | double[] | [] | | most {3 * MAX_TABLE_POINTS}
     x, y, z of the force per length at each, in base_frame [N/m], one after the other
 obstacles.type | string[] | [] | plane, sphere or cylinder | choice | most {MAX_OBSTACLES}
-    what each obstacle is that the arm may touch: plane, sphere or cylinder; empty for none;
+    kind of each obstacle that the arm may touch: plane, sphere or cylinder; empty for none;
     with model exact
 obstacles.position | double[] | [] | | most {3 * MAX_OBSTACLES}
     x, y, z of a point of each plane, of the centre of a sphere and of a point of the axis of a
     cylinder, in base_frame [m], one after the other
 obstacles.direction | double[] | [] | | most {3 * MAX_OBSTACLES}
     x, y, z of the outward normal of each plane and of the axis of a cylinder, which has no
-    ends, one after the other; those of spheres do not count; empty for 0, 0, 1
+    ends, one after the other; unused for spheres; empty for 0, 0, 1
 obstacles.radius | double[] | [] | >= 0 | most {MAX_OBSTACLES}
-    radius of each sphere and cylinder [m]; those of planes do not count
+    radius of each sphere and cylinder [m]; unused for planes
 obstacles.stiffness | double[] | [] | > 0 | most {MAX_OBSTACLES}
     pressure over the depth to which the arm enters each [N/m^3], one for all or one per
     obstacle
@@ -268,49 +265,49 @@ obstacles.friction | double[] | [] | >= 0, at most {MAX_FRICTION:g} | most {MAX_
     Coulomb's coefficient of friction of the arm on each [-], for an arm that moves: there are
     no shapes at rest with it; one for all or one per obstacle; empty for none
 obstacles.creep_speed | double[] | [] | > 0 | most {MAX_OBSTACLES}
-    speed at which friction on each has 0.71 of its full size, as slower sliding meets less of
-    it [m/s], one for all or one per obstacle; empty for {Obstacle.creep_speed:g}
+    speed at which friction on each has 0.71 of its full size, below which it is smaller [m/s],
+    one for all or one per obstacle; empty for {Obstacle.creep_speed:g}
 motion.viscosity | double | 0.0 | >= 0
-    viscosity eta of the material [Pa s]: stress per rate of shear strain, three times that of
-    stretch
+    viscosity eta of the material [Pa s]: stress per rate of shear strain; the stress per rate
+    of stretch is three times as large
 motion.damping_time | double | 0.0 | >= 0
-    time by which the stiffness of cross sections is multiplied instead [s]; 3 eta / E is the
-    same for poisson_ratio 0.5
+    factor of the stiffness of cross sections that gives their viscosity, instead [s]; 3 eta / E
+    is the same for poisson_ratio 0.5
 motion.water | string | '' | {_WATERS}, or empty | choice
-    whose coefficients of drag and added mass are used: {_WATERS}; empty for the next three
+    source of the coefficients of drag and added mass: {_WATERS}; empty for the next three
 motion.normal_drag | double | 0.0 | >= 0
     coefficient C_n of the drag across, rho R C_n v |v| per length [-], in a fluid of
     loads.fluid_density
 motion.tangential_drag | double | 0.0 | >= 0
     coefficient C_t of the drag along, rho R pi C_t v |v| / 2 per length [-]
 motion.added_mass | double | 0.0 | >= 0
-    mass of water that is accelerated across, over that displaced [-]
+    mass of water that is accelerated across over the mass of displaced water [-]
 motion.current | double[] | [0.0, 0.0, 0.0]
     velocity of the water in base_frame [m/s]
 solve_budget.iterations | integer | 1000 | >= 1
-    iterations of Newton's method that a solve of a loaded arm may take; one that would take
-    more is refused
+    iterations of Newton's method that a solve of a loaded arm may take; it is refused if it
+    needs more
 solve_budget.seconds | double | 0.08 | > 0
-    time that a solve of a loaded arm may take in the node, where nothing else is answered
-    meanwhile; one that would take more is refused [s]
+    time that a solve of a loaded arm may take in the node, which answers nothing else
+    meanwhile; it is refused if it needs more [s]
 friction_memory | double | 2.0 | >= 0 | what time
-    gap between tensions after which the history of tendons with friction is forgotten and they
-    are pulled from slack anew [s]; 0 for never
+    gap between tensions after which the history of tendons with friction is forgotten, so that
+    they are pulled from slack again [s]; 0 for never
 markers_rate | double | 30.0 | 0, or at least {MIN_RATE:g}
-    how often markers are published at most [Hz]; 0 for every shape
+    largest rate at which markers are published [Hz]; 0 for every shape
 tension_stddev | double | 0.0 | >= 0
     standard deviation of every tension [N]
 displacement_stddev | double | 0.0 | >= 0
     standard deviation of every displacement of tendons that are driven by length [m]
 model_error_stddev | double | 0.0 | >= 0
-    standard deviation of each coordinate of the tip by the error of the model, in parts of the
-    length [-]; that of its rotation is twice as many [rad]
+    standard deviation of the error of the model in each coordinate of the tip, over the length
+    [-]; that of its rotation is twice as large [rad]
 material.youngs_modulus_stddev | double | 0.0 | >= 0
     standard deviation of E, relative to it [-]
 material.poisson_ratio_stddev | double | 0.0 | >= 0
     standard deviation of nu [-]; with model exact
 tendons.offset_stddev | double | 0.0 | >= 0
-    standard deviation of the distance of every tendon [m]; with model exact
+    standard deviation of the distance of every tendon from the midline [m]; with model exact
 """
 
 PARAMETERS = (*read_table(_TABLE), *DiagnosticLimits.table())

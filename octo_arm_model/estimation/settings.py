@@ -36,7 +36,7 @@ class EstimatorParameters(ParameterGroup):
     GROUP = 'estimator'
 
     contact: str = stated(
-        'what acts on the arm besides its known loads: tip (a force on the tip), at (a '
+        'unknown load on the arm besides its known loads: tip (a force on the tip), at (a '
         'force at contact_s), somewhere (a force at one of contact_s or nowhere, by their '
         'probabilities), current (uniform, of the surrounding fluid) or none',
         'tip',
@@ -56,8 +56,8 @@ class EstimatorParameters(ParameterGroup):
         '>= 0',
     )
     force_time: float = stated(
-        'correlation time of force, moment and current: how long what is found is taken to '
-        'go on where nothing is measured [s]',
+        'correlation time of force, moment and current: how long an estimate of them lasts '
+        'without measurements [s]',
         1.0,
         '> 0',
     )
@@ -65,29 +65,28 @@ class EstimatorParameters(ParameterGroup):
         'with somewhere, mean time after which the contact is at another place [s]', 1.0, '> 0'
     )
     moment_stddev: float = stated(
-        'likewise of each component of a moment on the tip, with tip [N m]; 0 for none',
+        'standard deviation of each component of a moment on the tip before anything is '
+        'measured, with tip [N m]; 0 for no moment',
         0.0,
         '>= 0',
     )
     current_stddev: float = stated(
-        'likewise of the pressure of a current [Pa]; 0 for that of force_stddev over the '
-        'arm seen from the side',
+        'standard deviation of the pressure of a current before anything is measured [Pa]; 0 '
+        'for force_stddev over the area of the arm seen from the side',
         0.0,
         '>= 0',
     )
     tension_rate: float = stated(
-        'standard deviation of the change of each tension in a second [N]; 0 for what the '
-        'tendon is pulled by at most',
+        'standard deviation of the change of each tension in a second [N]; 0 for the largest '
+        'tension of the tendon',
         0.0,
         '>= 0',
     )
     tension_bias_stddev: float = stated(
-        'standard deviation of what each load cell shows too much, constant [N]; 0 for nothing',
-        0.0,
-        '>= 0',
+        'standard deviation of the constant bias of each load cell [N]; 0 for no bias', 0.0, '>= 0'
     )
     tension_bias_rate: float = stated(
-        'standard deviation of its change in a second [N]', 0.0, '>= 0'
+        'standard deviation of the change of this bias in a second [N]', 0.0, '>= 0'
     )
     tension_loss_stddev: float = stated(
         'standard deviation of the logarithm of the tension of each tendon at the base over '
@@ -109,13 +108,16 @@ class EstimatorParameters(ParameterGroup):
         'standard deviation of each coordinate of a marker [m]', 1e-3, '> 0'
     )
     tip_position_stddev: float = stated(
-        'standard deviation of each coordinate of measured/tip_pose where the message has '
-        'no covariance [m]; 0: such a message is refused',
+        'standard deviation of each coordinate of measured/tip_pose if the message has no '
+        'covariance [m]; 0: such a message is refused',
         0.0,
         '>= 0',
     )
     tip_rotation_stddev: float = stated(
-        'likewise of its rotation vector [rad]; 0: the orientation is not used', 0.0, '>= 0'
+        'standard deviation of its rotation vector if the message has no covariance [rad]; 0: the '
+        'orientation is not used',
+        0.0,
+        '>= 0',
     )
     base_force_stddev: float = stated(
         'standard deviation of each force of measured/base_wrench [N]; 0: its messages are '
@@ -123,25 +125,24 @@ class EstimatorParameters(ParameterGroup):
         0.0,
         '>= 0',
     )
-    base_moment_stddev: float = stated('likewise of each moment [N m]', 0.0, '>= 0')
+    base_moment_stddev: float = stated('standard deviation of its moments [N m]', 0.0, '>= 0')
     gate: float = stated(
-        'probability with which a right measurement is accepted; one that lies farther off '
-        'is refused',
+        'probability that a right measurement is accepted; one that is less probable is refused',
         GATE,
         'in (0, 1)',
     )
     cell_fault: float = stated(
-        'how probable it is that one load cell lies, in parts of the probability that all '
-        'sensors are right: where others cannot tell, the covariance holds what would be; 0 '
-        'for load cells that never lie',
+        'probability that a given load cell is faulty, over the probability that all sensors are '
+        'right; if the other sensors cannot tell, the covariance covers this case; 0 for load '
+        'cells that are never faulty',
         CELL_FAULT,
         'in [0, 1)',
     )
-    sensor_fault: float = stated('likewise of each other sensor', SENSOR_FAULT, 'in [0, 1)')
-    window: float = stated('how late measurements may come [s]', 0.2, '>= 0')
+    sensor_fault: float = stated('the same for each other sensor', SENSOR_FAULT, 'in [0, 1)')
+    window: float = stated('largest delay of a measurement [s]', 0.2, '>= 0')
     recover_after: float = stated(
-        'for how long sensors have to contradict the estimate, whichever is doubted, for '
-        'it to begin anew [s]; 0 for never',
+        'time for which sensors have to contradict the estimate, whichever is doubted, before it '
+        'starts again from the prior [s]; 0 for never',
         RECOVER_AFTER,
         '>= 0',
     )

@@ -160,7 +160,7 @@ class LoadCells(ParameterGroup):
         'standard deviation',
     )
     resolution: float = stated(
-        'what readings are multiples of [N]; 0 for all digits', 0.0, '>= 0', 'tension'
+        'step of which readings are multiples [N]; 0 for all digits', 0.0, '>= 0', 'tension'
     )
     drop_probability: float = stated(
         'probability that a message of readings is lost [-]', 0.0, 'in [0, 1]'

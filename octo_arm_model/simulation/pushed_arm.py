@@ -24,7 +24,7 @@ from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.simulation.profiles import CommandProfile
 
 _AXES: tuple[Vector, ...] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-_RATE = 'how often it is measured [Hz], at most rate; 0 for never'
+_RATE = 'rate of measurements [Hz], at most rate; 0 for none'
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Push(ParameterGroup):
         'arc coordinate of the cross section it acts on [m]; 0 for the tip', 0.0, 'on the arm'
     )
     period: float = stated(
-        'how often it begins anew, to last half of that [s]; 0 for a constant force',
+        'period of the force, which acts in the second half of it [s]; 0 for a constant force',
         0.0,
         '>= 0',
         'time',
@@ -90,7 +90,7 @@ class Sensors(ParameterGroup):
     base_moment_stddev: float = stated(
         'noise of each component of the moment under the base [N m]', 0.0, '>= 0'
     )
-    seed: int = stated('seed of the noise of all of them', 0, '>= 0')
+    seed: int = stated('seed of the noise of all these sensors', 0, '>= 0')
 
     def __post_init__(self) -> None:
         """Check the values that do not depend on the arm."""

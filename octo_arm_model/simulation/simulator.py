@@ -58,7 +58,7 @@ class Course(ParameterGroup):
     GROUP = ''
 
     rate: float = stated(
-        'how often tensions are measured and published [Hz]',
+        'rate at which tensions are measured and published [Hz]',
         100.0,
         f'in [{MIN_RATE:g}, {HIGHEST_RATE:g}], at least {_MOVING_RATE:g} with dynamics',
     )
@@ -68,24 +68,24 @@ class Course(ParameterGroup):
         False,
     )
     publish_clock: bool = stated(
-        'whether time is that of the simulator, from 0 on, which goes on by a period each '
+        'whether the simulator has its own time, which begins at 0, advances by a period each '
         'step and is published on /clock',
         False,
     )
     real_time_factor: float = stated(
-        'how many times as fast as the wall clock that time goes [-]; 0 for as fast as it can',
+        'speed of this time relative to the wall clock [-]; 0 for as fast as possible',
         1.0,
         f'0, or {_SLOWEST:g} to {_FASTEST:g}; 1 without publish_clock',
     )
     on_failure: str = stated(
-        'what follows where no step of the arm succeeds, as of one that is crushed: go_on '
-        'from the last state, or pause',
+        'reaction when no step of the arm succeeds, as when it is crushed: go_on from the last '
+        'state, or pause',
         'go_on',
         ' or '.join(_ON_FAILURE),
     )
     state_file: str = stated(
         'file of the services save_state and restore_state, whose name ends with '
-        f'{SUFFIX}; empty for none; later one in the same folder alone',
+        f'{SUFFIX}; empty for none; it can be changed to one in the same folder only',
         '',
     )
 
@@ -116,7 +116,7 @@ class Playing(ParameterGroup):
     name: str = stated(
         'movement, or CSV or YAML file, that the simulator plays; empty for none', ''
     )
-    speed: float = stated('factor of the speed it is played at [-]', 1.0, '> 0')
+    speed: float = stated('factor of the speed at which it is played [-]', 1.0, '> 0')
     loop: bool = stated('whether it is repeated', False)
 
 
