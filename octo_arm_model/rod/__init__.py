@@ -9,14 +9,14 @@ the wrench of everything beyond a node, F and M = M_free + integral from it to t
 where psi is the energy of the cross section with its tendons, see `section_loops`. Arrays over
 nodes go from the base to the tip and have the node as first axis.
 
-`elements`       where the nodes are: elements between anchorages, knots and loads, by the radius
+`elements`       elements between anchorages, knots and loads, graded by the radius; their nodes
 `tables`         `Tables` of an arm at its nodes and `Work`, the arrays that node functions fill in
 `loops`          the node functions as loops for numba
 `arrays`         the same over whole arrays for NumPy; `section_loops`, `section_arrays`: of cross
                  sections, by `section_formulas`; `angle_loops`: of wrap angles; `inertia_loops`:
                  of motion; `paper_loops`: of the paper's models; `compiled`: how numba compiles
-`forms`          which of the two is used
-`tendons`        where tendons run at the nodes, their lengths, and the derivatives of both
+`forms`          the choice of one of these two forms
+`tendons`        paths of tendons at the nodes, their lengths, and the derivatives of both
 `loads`          F and M_free of all loads at the nodes, and their derivatives by the shape;
                  `contact`: those of obstacles; `discs`: of tendons that discs hold
 `friction`       tension of every tendon at every node, and its derivatives
@@ -25,34 +25,35 @@ nodes go from the base to the tip and have the node as first axis.
                  balance of every cross section by itself; `Equilibrium`
 `continuation`   chord steps and Newton's method; following equilibria, and descent to the next
                  where a branch ends
-`checks`         shapes and bounds of what is given, and what a solution is refused for
+`checks`         shapes and bounds of input, and reasons to refuse a solution
 `backbone`       `Backbone`: the result; positions, orientations and strains at stations
 `rod`            `Rod`: from tensions and a wrench on the tip to an `Equilibrium`
-`winches`        `Winches`: equilibria of tendons at given lengths, by the Newton's method of
-                 `winch_equations`, of which tendons may be slack
+`winches`        `Winches`: equilibria of tendons at given lengths, some of which may be slack,
+                 by Newton's method on `winch_equations`
 `sensitivity`    first derivatives of an equilibrium, and the covariance of its tip
 
-`statics`        what every model gives; `Exact` does by all of the above
+`statics`        the interface of every model, and `Exact`, which uses all of the above
 `papers`         the paper's models on the same nodes
 `rotations`      rotation vectors and quaternions
 `solver`         `Solver`: one arm or a batch, quantities of solutions; `solve` in one call
-`stations`       where results are known
+`stations`       places of results
 `displacements`  tendons at given lengths: shapes and derivatives, for a user
 
-`motion`         `Dynamics`: implicit time steps; `motion_state`: what they take and give
+`motion`         `Dynamics`: implicit time steps; `motion_state`: their inputs and results
 `inertia`        the same equations with inertia, drag, added mass and viscosity, and their
                  derivatives
 `modes`          natural modes about an equilibrium, and its linear model
 
 A new effect is a term of these. It changes no signature:
 
-* Loads that follow the shape, as inertia, drag and contact would: F and M_free are arguments of
-  `residual`, made anew in `Problem.evaluate`; their derivatives by the shape are added to
-  `Work.jacobian` in `Problem.fill_jacobian`.
-* What changes the tension along a tendon: node functions take the tension of every tendon at
-  every node, (N, J), which `Problem.evaluate` makes from z, and `Problem.fill_jacobian` adds its
-  derivatives, as for `friction`.
-* An unknown of a cross section: condensed within it, as the offset of a tendon in its sheath.
+* Loads that follow the shape, such as inertia, drag and contact: `Problem.evaluate` computes F and
+  M_free, the arguments of `wrenches`; `Problem.fill_jacobian` adds their derivatives by the shape
+  to `Work.jacobian`.
+* A tension that changes along a tendon, as by `friction`: node functions take the tension of every
+  tendon at every node, (N, J); `Problem.evaluate` computes it from z, and `Problem.fill_jacobian`
+  adds its derivatives.
+* An unknown of a cross section, such as the offset of a tendon in its sheath: it is condensed
+  within the section.
 * An unknown of the whole arm: a row and a column around `Factors.solve`, as in `winch_equations`.
 
 May import arm.
