@@ -1,4 +1,4 @@
-"""From a recording to the measured shapes of its steps of constant tension.
+"""Turn a recording into the measured shapes of its steps of constant tension.
 
 All frames of a step share the errors of the model and of the tensions, but not those of the
 camera. Frames are therefore averaged and fits count steps: more frames make a step's midline more

@@ -1,4 +1,4 @@
-"""What the launch files share: their arguments, and launch actions for nodes and RViz."""
+"""Parts that the launch files share: their arguments, and launch actions for nodes and RViz."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""What the nodes of an arm share: parameters, diagnostics, tension inputs and publishers."""
+"""Parts that the nodes of an arm share: parameters, diagnostics, tension inputs and publishers."""
 
 import functools
 from abc import ABC, abstractmethod
