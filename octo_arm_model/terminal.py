@@ -1,4 +1,4 @@
-"""Parts that the programs share on a terminal: option parser, exit status, status line and logs."""
+"""Parts that programs share on a terminal: option parser, exit status, status line and logs."""
 
 import argparse
 import contextlib

@@ -1,4 +1,4 @@
-"""Decorators by which numba compiles the node functions, `compiled`, and their helpers.
+"""The decorators `compiled`, `helper` and `inlined`, by which numba compiles the node functions.
 
 Compiling takes about 5 ms for every element that is read or written and 20 ms for every loop, once
 more for every copy that is inlined. So functions that only compiled functions call have no entry
