@@ -28,7 +28,7 @@ MOST = {
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_210,
     'octo_arm_model/ros': 4_800,
-    'octo_arm_model/simulation': 2_220,
+    'octo_arm_model/simulation': 2_230,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_410,
     'test': 24_210,

@@ -1,6 +1,7 @@
 """Simulated arms: the push, the sensors besides load cells, and the arm at rest."""
 
 import dataclasses
+import functools
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -190,7 +191,7 @@ class PushedArm(SimulatedArm):
         self._force = np.zeros(3)
         self._push_s = push.s or config.arm.length
         if sensors.base_wrench_rate:
-            self._forces = forces_at_stations(config.arm, self._solver.grid, config.loads)
+            _ = self._forces  # is refused here, not at the first measurement
 
     def go_on_from(self, before: SimulatedArm) -> bool:
         """Take the shape of the same arm ``before``, or return whether friction is forgotten."""
@@ -223,6 +224,10 @@ class PushedArm(SimulatedArm):
         """The present shape, which exists after `advance`."""
         assert self._shape is not None
         return self._shape
+
+    @functools.cached_property
+    def _forces(self) -> FloatArray:
+        return forces_at_stations(self._config.arm, self._solver.grid, self._config.loads)
 
     @property
     def true_base_wrench(self) -> FloatArray:

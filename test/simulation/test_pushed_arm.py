@@ -56,7 +56,6 @@ def test_the_noise_is_as_large_as_it_is_said_to_be():
         tip_rotation_stddev=0.02,
         marker_s=PLACES,
         marker_stddev=2e-3,
-        base_wrench_rate=10.0,
         base_force_stddev=3e-3,
         base_moment_stddev=4e-4,
     )
