@@ -20,7 +20,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROCESSES, MAX_SAMPLED_TENSIONS, MAX_SAMPLES
-from octo_arm_model.arm.validation import check_class
+from octo_arm_model.arm.validation import check_class, is_number
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.checks import check_tensions
 from octo_arm_model.rod.solver import Solver
@@ -127,7 +127,7 @@ def _whole(name: str, value: object, low: int, high: int | None = None) -> int:
 
 def _box(arm: Arm, highest: ArrayLike) -> FloatArray:
     shape = arm.tension_shape
-    if isinstance(highest, (int, float, np.number)) and not isinstance(highest, bool):
+    if is_number(highest):
         highest = np.full(shape, highest)
     try:
         box = check_tensions(arm, highest)

@@ -401,10 +401,8 @@ class BankFilter:
         """Return the leader's mean, with the covariance of the mixture of all hypotheses."""
         if len(bank.doubts) == 1:
             return bank.leading
-        weight, mean = self._weight(bank), bank.mean[bank.leader]
-        offset = bank.mean - mean
-        covariance = np.tensordot(weight, bank.covariance, axes=1) + (weight * offset.T) @ offset
-        return Gaussian.of(mean, covariance)
+        center = bank.mean[bank.leader]
+        return Gaussian.mixture(center, self._weight(bank), bank.mean, bank.covariance)
 
     def _improbability(self, bank: Bank) -> FloatArray:
         """Return -ln of the prior probability of every hypothesis [nat], (hypotheses,)."""

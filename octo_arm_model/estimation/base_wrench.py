@@ -86,15 +86,20 @@ def _sums(model: ArmModel) -> _Sums:
     return _CACHE[model]
 
 
+def require_covered(loads: Loads) -> None:
+    """Raise MeasurementError if there are loads whose forces the sum does not contain."""
+    for kind in ('others', 'obstacles'):
+        if getattr(loads, kind):
+            raise MeasurementError(f'base wrench: loads.{kind} are not covered')
+
+
 def forces_at_stations(arm: Arm, grid: StationGrid, loads: Loads) -> FloatArray:
     """Return forces at the stations (stations, 3) [N] with the moment of those of ``loads``.
 
     Raises:
         MeasurementError: if there are loads in ``loads.others``, or obstacles.
     """
-    for kind in ('others', 'obstacles'):
-        if getattr(loads, kind):
-            raise MeasurementError(f'base wrench: loads.{kind} are not covered')
+    require_covered(loads)
     points, weights = leggauss(_GAUSS)
     inner = [s for s in (*loads.knots, *arm.discs.faces) if 0.0 < s < arm.length]
     ends = np.union1d(grid.s, inner)

@@ -82,7 +82,7 @@ class CommonFault(NamedTuple):
         """Return the ``known`` state, with a covariance that contains the state before."""
         if self.earlier is None:
             return known
-        difference = self.earlier.mean - known.mean
-        components = [(1.0 - self.weight, known.root), (self.weight, self.earlier.root)]
-        covariance = sum(weight * root @ root.T for weight, root in components)
-        return Gaussian.of(known.mean, covariance + self.weight * np.outer(difference, difference))
+        weight = np.array([1.0 - self.weight, self.weight])
+        mean = np.stack([known.mean, self.earlier.mean])
+        root = np.stack([known.root, self.earlier.root])
+        return Gaussian.mixture(known.mean, weight, mean, root @ root.swapaxes(1, 2))

@@ -39,6 +39,18 @@ class Gaussian(NamedTuple):
             raise np.linalg.LinAlgError('a covariance is not positive definite')
         return cls(mean, upper.T)
 
+    @classmethod
+    def mixture(
+        cls, center: FloatArray, weight: FloatArray, mean: FloatArray, covariance: FloatArray
+    ) -> Gaussian:
+        """Return the distribution about ``center`` (n,) with the second moment of a mixture.
+
+        The components have a ``weight`` (k,), ``mean`` (k, n) and ``covariance`` (k, n, n).
+        """
+        offset = mean - center
+        second_moment = np.tensordot(weight, covariance, axes=1) + (weight * offset.T) @ offset
+        return cls.of(center, second_moment)
+
 
 def spread(jacobian: FloatArray) -> FloatArray:
     """Return the factor of the root of the covariance by an update, (n, n), upper triangular.

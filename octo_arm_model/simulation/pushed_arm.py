@@ -18,7 +18,7 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import ParameterGroup, stated
-from octo_arm_model.estimation.base_wrench import forces_at_stations
+from octo_arm_model.estimation.base_wrench import forces_at_stations, require_covered
 from octo_arm_model.estimation.settings import MAX_MARKERS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of
@@ -191,7 +191,7 @@ class PushedArm(SimulatedArm):
         self._force = np.zeros(3)
         self._push_s = push.s or config.arm.length
         if sensors.base_wrench_rate:
-            _ = self._forces  # is refused here, not at the first measurement
+            require_covered(config.loads)
 
     def go_on_from(self, before: SimulatedArm) -> bool:
         """Take the shape of the same arm ``before``, or return whether friction is forgotten."""
