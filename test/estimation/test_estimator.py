@@ -384,7 +384,8 @@ def test_a_sensor_that_lies_alone_stays_thrown_out():
     # Long enough to begin anew three times.
     found = steps(own, range(4, 22), [cells, markers, lying_tip])
     assert own.restarts == 0
-    assert own.consistency['tip position'].refused >= 17  # at first it may be right
+    # At first it may be right: a force on the tip explains what it says.
+    assert own.consistency['tip position'].refused >= 15
     assert own.consistency['markers'].refused == own.consistency['tensions'].refused == 0
     assert_is(found[-1], CALM)
     assert_is(steps(own, range(22, 42), [cells, markers, seen_tip])[-1], CALM)
