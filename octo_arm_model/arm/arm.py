@@ -192,7 +192,7 @@ class Arm:
             if discs > radius[first]:
                 expected = f'at most the radius of the discs {where}, {most}'
             elif self.body.is_round:
-                expected = f'at most the radius of the body {where}, {most}'
+                expected = f'at most the radius of the body {where}, {most}, or body.disc_radius'
             else:
                 width, height = 2.0 * self.body.half_sizes(s[first])
                 expected = f'such that the tendon is within the body {where}, '

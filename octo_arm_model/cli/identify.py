@@ -225,7 +225,8 @@ def run(options: argparse.Namespace) -> int:
             save_all(pictures, place, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
     if options.out is not None and best.is_trustworthy:
-        text = identification.as_config(best, str(options.bag or options.tension_csv))
+        source = options.bag or options.tension_csv or options.displacement_csv
+        text = identification.as_config(best, str(source))
         with writing(options.out) as place:
             place.write_text(text, encoding='utf-8')
         notes.append(f'the fitted arm is in {options.out}')

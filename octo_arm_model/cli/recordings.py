@@ -275,6 +275,8 @@ def read_options(
         notes.append(
             f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
             'alignment is fitted'
+            if recording.frame_id
+            else f'the midlines name no frame: their alignment with {config.base_frame} is fitted'
         )
     observations, trajectory = observe(recording, pairing, alignment), None
     models = _models(options.model or default_models, config)

@@ -95,7 +95,7 @@ def reading(path: str | Path, kind: type[OctoArmError]) -> Iterator[None]:
     except OSError as error:
         raise kind(f'{path}: {error.strerror}') from error
     except UnicodeDecodeError as error:
-        raise kind(f'{path}: not a text file') from error
+        raise kind(f'{path}: not a text file in UTF-8') from error
     except _TooLargeError as error:
         raise kind(f'{path}: {error}') from None
     except yaml.YAMLError as error:

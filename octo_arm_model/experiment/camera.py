@@ -119,7 +119,7 @@ def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
         return ('all measured points are one: the alignment has no rotation',)
     # The square of a coordinate is on average a third of that of a distance.
     flat = max(_TIMES_NOISE * noise * np.sqrt(len(points) / 3.0), _FLAT * spread[0])
-    within = f'within {_TIMES_NOISE:g} times their noise '
+    within = f'within {_TIMES_NOISE:g} times their misfit of {1e3 * noise:.3g} mm '
     if spread[1] <= flat:
         return (f'all measured points lie {within}on a line: the rotation about it is open',)
     if spread[2] <= flat:

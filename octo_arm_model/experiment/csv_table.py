@@ -30,8 +30,11 @@ FORCE = {
     'lbf': 4.4482216152605,
     'lb': 4.4482216152605,
 }
-# A header with a unit, such as 'time [ms]' or 'time (ms)'.
-_HEADER = re.compile(r'^(.*?)\s*[\[(]([^\[\]()]*)[\])]\s*$')
+# A header with a unit, such as 'time [ms]', 'time (ms)' or 'time_ms'. Single letters may be names.
+_HEADER = re.compile(
+    r'^(.*?)(?:\s*[\[(]([^\[\]()]*)[\])]|[_ ]'
+    r'(ms|us|\u00b5s|\u03bcs|ns|mN|kN|gf|kgf|kg|lbf|mm|cm|mA|deg|rad))$'
+)
 _FIRST = re.compile(r'^.*[^\s,;].*$', re.MULTILINE)  # a line with more than separators
 _MISSING = ('', 'nan', 'NaN', 'NAN')
 _EXPECTED = (
@@ -39,11 +42,13 @@ _EXPECTED = (
     'other lines'
 )
 _ISO = re.compile(
-    r'^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?$'
+    r'^(\d{4}[-/]\d\d[-/]\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?$'
 )
 _UNITS = frozenset({*TIME, *FORCE, 'm', 'cm', 'mm', 'rad', 'deg', 'counts', 'ticks', '-'})
-# Units in words, as in exports of Motive.
+# Units as other programs write them.
 _IN_WORDS = {
+    '\u00b5s': 'us',
+    '\u03bcs': 'us',
     'Seconds': 's',
     'seconds': 's',
     'sec': 's',
@@ -130,8 +135,9 @@ class CsvTable:
                 )
             if count:
                 return texts.index(header)
-        whole = [f'{column.name} [{column.unit}]' for column in self.columns]
-        return whole.index(header) if header in whole else None
+        name, unit = _split(header)
+        index = self._index(name) if unit else None
+        return index if index is None or self.columns[index].unit in ('', unit) else None
 
     @property
     def listing(self) -> str:
@@ -159,7 +165,7 @@ class CsvTable:
             )
         if isinstance(index, float):
             return np.full(len(self.rows), index)
-        unit = self.columns[index].unit or default
+        unit = self.columns[index].unit or _split(self.given.get(name, ''))[1] or default
         unit = _IN_WORDS.get(unit, unit)
         if unit not in units and not is_scaled:
             raise MeasurementError(
@@ -173,9 +179,11 @@ class CsvTable:
             elif text in _MISSING:
                 values[n] = math.nan
             else:
+                hint = ' with a decimal point' * (',' in text)
+                more = ' or a time such as 2024-05-02T10:11:12.5Z' if name == 'time' else ''
                 raise MeasurementError(
                     f'{self.path}, line {self.lines[n]}: {name} is {shown(text)}, expected a '
-                    f'finite number [{unit}], or nothing'
+                    f'finite number{hint} [{unit}]{more}, or nothing'
                 )
         return units.get(unit, 1.0) * values
 
@@ -195,9 +203,16 @@ class CsvTable:
         fine = np.abs(seconds) < 2.0**31
         if not fine.all():
             n = int(np.argmin(fine))
+            second, header = float(seconds[n]), self.given.get('time', 'time')
+            units = (unit for unit, factor in TIME.items() if abs(second) * factor < 2.0**31)
+            hint = (
+                f'; in {unit}? then say --columns "time={header} [{unit}]"'
+                if (unit := next(units, ''))
+                else ''
+            )
             raise MeasurementError(
-                f'{self.path}, line {self.lines[n]}: time is {float(seconds[n])!r} s, '
-                'expected a time below 2147483648 s'
+                f'{self.path}, line {self.lines[n]}: time is {second!r} s, '
+                f'expected a time below 2147483648 s{hint}'
             )
         return [round(second * 1e9) for second in seconds.tolist()]
 
@@ -206,7 +221,7 @@ class CsvTable:
         try:
             day, clock, fraction, zone = _ISO.match(text).groups()  # type: ignore[union-attr]
             zone = '+00:00' if zone in (None, 'Z') else f'{zone[:3]}:{zone[-2:]}'
-            whole = datetime.fromisoformat(f'{day}T{clock}{zone}')
+            whole = datetime.fromisoformat(f'{day.replace("/", "-")}T{clock}{zone}')
         except (AttributeError, ValueError):
             raise MeasurementError(
                 f'{self.path}, line {line}: time is {shown(text)}, expected one of ISO 8601 such '
@@ -218,18 +233,19 @@ class CsvTable:
 def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> CsvTable:
     """Read a file of headers and rows of numbers; ``given`` has the column of each quantity.
 
-    Fields are separated by commas, semicolons or tabs, whichever is in the header. There may be no
-    header, or one of several lines: names above each other are joined, and the last line may have
-    units. Exports of Motive and Vicon are recognised by their first line; their columns become
-    <marker>_x, <marker>_y and <marker>_z, and time.
+    Fields are separated by commas, semicolons or tabs, whichever is in the header, or by blanks
+    in a file without these. There may be no header, or one of several lines: names above each
+    other are joined, and the last line may have units. Exports of Motive and Vicon are recognised
+    by their first line; their columns become <marker>_x, <marker>_y and <marker>_z, and time.
 
     Raises:
         MeasurementError: if it cannot be read, is too large, or a row is too short or long.
     """
     with reading(path, MeasurementError):
-        text = read_text(path, MAX_CSV_BYTES)
+        text = read_text(path, MAX_CSV_BYTES).removeprefix('#')
     head = _FIRST.search(text)
-    separator = max((',', ';', '\t'), key=head[0].count) if head else ','
+    separators = [one for one in ',;\t' if one in text]
+    separator = max(separators or ' ', key=head[0].count) if head else ','
     rows: list[list[str]] = []
     lines: list[int] = []
     reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
@@ -255,12 +271,12 @@ def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> Csv
     if len(rows) > MAX_CSV_ROWS:
         raise MeasurementError(f'{path}, line {lines[-1]}: more than {MAX_CSV_ROWS} rows')
     for cells, line in zip(rows, lines, strict=True):
-        if len(cells) != len(columns):
-            doubt = f'; {_EXPECTED}' if line == lines[0] else ''
+        if len(cells) < len(columns) or ''.join(cells[len(columns) :]).strip():
             raise MeasurementError(
                 f'{path}, line {line}: {len(cells)} values, expected {len(columns)} as in the '
-                f'header{doubt}'
+                f'header; {_EXPECTED}'
             )
+        del cells[len(columns) :]  # empty, of separators at the end of the line
     return CsvTable(path, columns, tuple(rows), tuple(lines), given, has_time)
 
 
@@ -313,10 +329,15 @@ def _headers(rows: list[list[str]]) -> tuple[tuple[_Column, ...], int]:
     columns = []
     for number, texts in enumerate(zip(*headers)):
         text = ' '.join(filter(None, texts))
-        match = _HEADER.match(text)
-        name, unit = match.groups() if match else (text, '')
+        name, unit = _split(text)
         columns.append(_Column(name, units[number] if units else unit, text))
     return tuple(columns), count
+
+
+def _split(header: str) -> tuple[str, str]:
+    """Return the name and the unit of a ``header``, '' without one."""
+    match = _HEADER.match(header.strip())
+    return (match[1], match[2] or match[3] or '') if match else (header, '')
 
 
 def _motive_columns(rows: Sequence[Sequence[str]], axes: Sequence[str]) -> tuple[_Column, ...]:

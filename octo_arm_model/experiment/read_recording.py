@@ -15,6 +15,7 @@ from octo_arm_model.experiment.csv_recording import (
     csv_displacements,
     csv_frames,
     csv_tensions,
+    has_displacements,
     has_tensions,
 )
 from octo_arm_model.experiment.csv_table import CsvTable, check_columns
@@ -133,8 +134,8 @@ def _gather(
     tensions = encoders = None
     if files.tensions is not None:
         table = files.read('tension', files.tensions, tables)
-        # A table of poses without tensions has encoder readings.
-        if files.is_poses and not has_tensions(table, config):
+        # A table of poses has tensions or encoder readings.
+        if files.is_poses and not has_tensions(table, config) and has_displacements(table, config):
             encoders = csv_displacements(table, config, refusals)
         else:
             tensions = csv_tensions(table, config, refusals)

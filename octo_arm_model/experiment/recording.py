@@ -300,6 +300,12 @@ def assemble(
         points.check_together(frames.rows)
     read = [one for one in (tensions, encoders) if one is not None]
     origin = min(min(one.stamps) for one in read)
+    zeros = sum(bool((~points.any(axis=1)).any()) for points in frames.rows)
+    if 0 < zeros < len(frames.rows):
+        notes.append(
+            f'{zeros} of {len(frames.rows)} frames on {frames.source} have a point at exactly '
+            '0, 0, 0: leave its cells empty, or NaN, if it was hidden'
+        )
     nothing = np.zeros(0), np.zeros((0, 0))
     tension_time, pulled = nothing if tensions is None else tensions.in_order(origin, notes)
     encoder_time, reeled_in = nothing if encoders is None else encoders.in_order(origin, notes)

@@ -308,7 +308,7 @@ def test_what_is_no_file_of_text_is_refused(tmp_path):
     for name, reason in {
         'nowhere.yaml': 'No such file or directory',
         'folder': 'Is a directory',
-        'bytes': 'not a text file',
+        'bytes': 'not a text file in UTF-8',
         'pipe': 'not a regular file',
     }.items():
         with pytest.raises(ConfigError, match=f'{name}: {reason}$'):

@@ -27,10 +27,13 @@ from labs import (
     seen,
     staircase_of,
 )
+from numpy.testing import assert_allclose
 from recordings import Sample
 
 from octo_arm_model.arm import limits
 from octo_arm_model.config.config import Config
+from octo_arm_model.experiment.csv_recording import CsvSources
+from octo_arm_model.experiment.read_recording import read_recording
 
 ARM = ['--config', 'renda2012_prototype', '--model', 'exact', '--align', 'none']
 CONFIG = Config.from_parameters({**PARAMETERS, 'model': 'exact'})
@@ -443,6 +446,15 @@ TRACK = 'time,x,y,z\n0,0,0,0\n'
         ),
         ('Trial,1\ntime,tendon_1_1\n0,1\n', TRACK, 'it has Trial time, 1 tendon_1_1'),
         ('Trial\n', TRACK, 'no rows, expected a header and rows below it'),
+        (LOADS + 'End\n', TRACK, 'line 3: 1 values, expected 5 as in the header; expected lines'),
+        (
+            LOADS + '1,"1,5",0,0,0\n',
+            TRACK,
+            'expected a finite number with a decimal point [N], or',
+        ),
+        (LOADS + '1.2.24,0,0,0,0\n', TRACK, 'finite number [s] or a time such as 2024-05-02T10:1'),
+        (LOADS + '17e17,0,0,0,0\n', TRACK, 'in ns? then say --columns "time=time [ns]"'),
+        ('time,tendon_1_1_mA\n0,1\n', TRACK, "tendon_1_1 is in 'mA', expected N or mN or kN"),
     ],
 )
 def test_files_that_are_wrong_are_refused_by_line(loads, track, message, tmp_path, cli):
@@ -451,6 +463,38 @@ def test_files_that_are_wrong_are_refused_by_line(loads, track, message, tmp_pat
     (tmp_path / 'track.csv').write_text(track)
     files = '--tension-csv', tmp_path / 'loads.csv', '--midline-csv', tmp_path / 'track.csv'
     assert message in cli.refused('compare', *files, *EXACT)
+
+
+TENDONS = ('tendon_1_1', 'tendon_1_2', 'tendon_1_3', 'tendon_1_4')
+
+
+@pytest.mark.parametrize(
+    ('head', 'row', 'columns'),
+    [
+        ('time,{0},{1},{2},{3}\n', '{0}.5,{1},0,0,0,,', {}),
+        ('# time {0} {1} {2} {3}\n', ' {0}.5000000e+00   {1}   0   0   0 ', {}),
+        ('time_ms,{0}_mN,{1},{2},{3}\n', '{0}500,{1}000,0,0,0', {}),
+        ('time [\u00b5s];{0};{1};{2};{3}\n', '{0}500000;{1};0;0;0', {}),
+        ('%time,{0},{1},{2},{3}\n', '{0}500000000,{1},0,0,0', {'time': '%time [ns]'}),
+        (
+            '',
+            '{0}500,{1}',
+            {'time': '#1 [ms]', 'tendon_1_1': '#2'} | dict.fromkeys(TENDONS[1:], '0'),
+        ),
+        ('time,{0},{1},{2},{3}\n', '1970/01/01 00:00:0{0}.5,{1},0,0,0', {}),
+    ],
+)
+def test_tables_are_read_as_programs_write_them(head, row, columns, tmp_path):
+    loads, track = tmp_path / 'loads.csv', tmp_path / 'track.csv'
+    rows = [row.format(second, second + 1) for second in range(3)]
+    loads.write_text(head.format(*TENDONS) + '\n'.join(rows) + '\n', encoding='utf-8')
+    track.write_text('time,x_mm,y_mm,z_mm\n0,250,10,0\n1,250,10,1\n2,0,0,0\n')
+    files = CsvSources(loads, track, columns={f'tension:{k}': v for k, v in columns.items()})
+    found = read_recording(None, 'renda2012_prototype', files=files)
+    assert_allclose(found.tension_time, [0.0, 1.0, 2.0], atol=1e-9)
+    assert_allclose(found.tensions, [[1, 0, 0, 0], [2, 0, 0, 0], [3, 0, 0, 0]])
+    assert_allclose(found.frames[0], [[0.25, 0.01, 0.0]])
+    assert '1 of 3 frames on' in found.notes[0] and 'at exactly 0, 0, 0' in found.notes[0]
 
 
 def test_a_table_is_told_how_it_is_given(tmp_path, cli):
