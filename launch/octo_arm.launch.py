@@ -4,12 +4,13 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
-from octo_arm_model.ros.launch_parts import arm_node, declare, rviz, value_of
+from octo_arm_model.ros.launch_parts import arm_node, base_frame, declare, rviz, value_of
 
 
 def start(context):
     """Return all actions, for the values of the arguments in ``context``."""
-    actions = [arm_node(context), rviz('octo_arm.rviz', LaunchConfiguration('namespace'))]
+    namespace = LaunchConfiguration('namespace')
+    actions = [arm_node(context), rviz('octo_arm.rviz', base_frame(context), namespace)]
     bag = value_of('bag', context)
     if bag:
         # The bag comes first, as --clock would take it for its frequency.
@@ -22,7 +23,7 @@ def generate_launch_description():
     """Return the arguments and the function that starts everything by their values."""
     return LaunchDescription(
         [
-            *declare('params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'frame_prefix'),
+            *declare(),
             DeclareLaunchArgument(
                 'bag',
                 default_value='',

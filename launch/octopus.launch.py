@@ -22,7 +22,7 @@ def start(context):
     radius = float(value_of('radius', context))
     file = params_file(context)
     common = sim_time() | overrides(context, 'model') | {'base_frame': text('base_frame')}
-    actions = [rviz('octopus.rviz', arguments=['-f', LaunchConfiguration('base_frame')])]
+    actions = [rviz('octopus.rviz', LaunchConfiguration('base_frame'))]
     for number in range(1, ARMS + 1):
         position, quaternion = base_pose(number, radius)
         parameters = {

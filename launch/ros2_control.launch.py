@@ -10,8 +10,10 @@ from octo_arm_model.config.config import load_config
 from octo_arm_model.ros.launch_parts import (
     PACKAGE,
     arm_node,
+    base_frame,
     declare,
     node,
+    overrides,
     params_file,
     rviz,
     sim_time,
@@ -27,15 +29,17 @@ def start(context):
     namespace, file = LaunchConfiguration('namespace'), params_file(context)
     interface = value_of('interface', context)
     config = load_config(file)
+    prefix = value_of('frame_prefix', context) or config.frame_prefix
     urdf = robot_description(config, interface, value_of('namespace', context))
+    of_simulator = sim_time() | overrides(context, 'base_frame') | in_water(config)
     return [
         arm_node(context),
-        node('octo_arm_sim', 'octo_arm_sim', namespace, file, sim_time() | in_water(config)),
+        node('octo_arm_sim', 'octo_arm_sim', namespace, file, of_simulator),
         Node(
             package='robot_state_publisher',
             executable='robot_state_publisher',
             namespace=namespace,
-            parameters=[{'robot_description': urdf}, sim_time()],
+            parameters=[{'robot_description': urdf, 'frame_prefix': prefix}, sim_time()],
         ),
         Node(
             package='controller_manager',
@@ -52,7 +56,7 @@ def start(context):
             arguments=['joint_state_broadcaster', CONTROLLER[interface]],
             output='screen',
         ),
-        rviz('octo_arm.rviz', namespace),
+        rviz('octo_arm.rviz', base_frame(context), namespace),
     ]
 
 
@@ -63,7 +67,7 @@ def generate_launch_description():
     )
     return LaunchDescription(
         [
-            *declare('params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'frame_prefix'),
+            *declare(),
             DeclareLaunchArgument(
                 'interface',
                 default_value='effort',

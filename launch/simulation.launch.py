@@ -8,9 +8,11 @@ from octo_arm_model.config.config import load_config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.ros.launch_parts import (
     arm_node,
+    base_frame,
     declare,
     is_true,
     node,
+    overrides,
     params_file,
     rviz,
     sim_time,
@@ -29,7 +31,8 @@ def start(context):
     if simulator_file := value_of('simulator_file', context):
         of_simulator.append(LaunchConfiguration('simulator_file'))
         of_load_cells = for_arm_node(load_parameters(simulator_file))
-    of_simulator.append(sim_time())
+    common = sim_time() | overrides(context, 'base_frame')
+    of_simulator.append(common)
     if movement := value_of('profile', context):
         of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
     program, of_arm, of_truth = 'octo_arm_node', of_load_cells, {}
@@ -43,13 +46,13 @@ def start(context):
     actions = [
         arm_node(context, program, **of_arm),
         node('octo_arm_sim', 'octo_arm_sim', namespace, *of_simulator),
-        rviz('octo_arm.rviz', namespace),
+        rviz('octo_arm.rviz', base_frame(context), namespace),
     ]
     if is_true('ground_truth', context):
         # The prefix keeps these frames apart from those of the node and of other arms.
         prefix = value_of('frame_prefix', context) or config.frame_prefix
         # True tensions are not readings of the load cells that the file may describe.
-        truth = sim_time() | for_true_arm(config.arm) | of_truth
+        truth = common | for_true_arm(config.arm) | of_truth
         truth['frame_prefix'] = f'{prefix}ground_truth_'
         name, true_namespace = 'octo_arm', [namespace, '/ground_truth']
         actions.append(node('octo_arm_node', name, true_namespace, file, truth))
@@ -60,7 +63,7 @@ def generate_launch_description():
     """Return the arguments and the function that starts everything by their values."""
     return LaunchDescription(
         [
-            *declare('params_file', 'namespace', 'use_sim_time', 'rviz', 'model', 'frame_prefix'),
+            *declare(),
             DeclareLaunchArgument(
                 'simulator_file',
                 default_value='',

@@ -203,6 +203,8 @@ for _name, _pattern in (('null', _NULL), ('bool', _BOOL), ('int', _INT), ('float
 _Loader.add_constructor(_TAG + 'bool', _construct_bool)
 _Loader.add_constructor(_TAG + 'int', _construct_int)
 _Loader.add_constructor(_TAG + 'float', _construct_float)
+# launch_ros writes lists in its parameter files so, and rcl reads lists.
+_Loader.add_constructor(_TAG + 'python/tuple', _Loader.construct_yaml_seq)
 # No parameter has a value of these types.
 for _name in ('binary', 'timestamp', 'omap', 'pairs', 'set'):
     _Loader.add_constructor(_TAG + _name, yaml.SafeLoader.construct_undefined)

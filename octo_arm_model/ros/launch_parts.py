@@ -1,6 +1,5 @@
 """Parts that the launch files share: their arguments, and launch actions for nodes and RViz."""
 
-from collections.abc import Sequence
 from typing import Any
 
 from ament_index_python.packages import get_packages_with_prefixes
@@ -13,6 +12,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from octo_arm_model.config.config import load_config
 from octo_arm_model.config.parameter_files import find_path
 
 PACKAGE = 'octo_arm_model'
@@ -23,19 +23,18 @@ ARGUMENTS: dict[str, tuple[str, str]] = {
     'use_sim_time': ('false', 'whether time comes from /clock, as with a bag or a simulation'),
     'rviz': ('false', 'whether to start RViz'),
     'model': ('', 'name of a model; empty for that of params_file'),
+    'base_frame': ('', 'frame that the arm is expressed in; empty for that of params_file'),
     'frame_prefix': ('', 'prefix of the names of TF frames; empty for that of params_file'),
 }
-# These override the parameter file unless they are empty.
-_OVERRIDES = ('model', 'frame_prefix')
 
 
 def declare(*names: str) -> list[DeclareLaunchArgument]:
-    """Declare the arguments ``names`` of `ARGUMENTS`."""
+    """Declare the arguments ``names`` of `ARGUMENTS`, or all of them."""
     return [
         DeclareLaunchArgument(
             name, default_value=ARGUMENTS[name][0], description=ARGUMENTS[name][1]
         )
-        for name in names
+        for name in names or ARGUMENTS
     ]
 
 
@@ -56,6 +55,11 @@ def params_file(context: LaunchContext) -> str:
         ConfigError: if there is no such preset.
     """
     return str(find_path(value_of('params_file', context)))
+
+
+def base_frame(context: LaunchContext) -> str:
+    """Return the frame that the arm is expressed in."""
+    return value_of('base_frame', context) or load_config(params_file(context)).base_frame
 
 
 def text(name: str) -> ParameterValue:
@@ -80,7 +84,7 @@ def arm_node(context: LaunchContext, program: str = 'octo_arm_node', **parameter
         program.removesuffix('_node'),
         LaunchConfiguration('namespace'),
         params_file(context),
-        sim_time() | overrides(context, *_OVERRIDES) | parameters,
+        sim_time() | overrides(context, 'model', 'base_frame', 'frame_prefix') | parameters,
     )
 
 
@@ -96,11 +100,11 @@ def node(executable: str, name: str, namespace: Any, *parameters: Any) -> Node:
     )
 
 
-def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Action:
+def rviz(view: str, frame: Any, namespace: Any = '') -> Action:
     """Return an action that starts RViz with the configuration ``view`` if ``rviz`` is true.
 
-    The topics of a configuration are relative to ``namespace``. If RViz is not installed, the
-    action logs that: a failure would end the launch and leave its started nodes behind.
+    It shows what is in ``frame``, of topics relative to ``namespace``. If RViz is not installed,
+    the action logs that: a failure would end the launch and leave its started nodes behind.
     """
     condition = IfCondition(LaunchConfiguration('rviz'))
     if 'rviz2' not in get_packages_with_prefixes():
@@ -111,7 +115,7 @@ def rviz(view: str, namespace: Any = '', arguments: Sequence[Any] = ()) -> Actio
         executable='rviz2',
         name='rviz',
         namespace=namespace,
-        arguments=['-d', path, *arguments],
+        arguments=['-d', path, '-f', frame],
         parameters=[sim_time()],
         condition=condition,
     )

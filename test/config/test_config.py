@@ -324,6 +324,15 @@ def test_what_ros_reads_as_a_text_is_one(tmp_path, text):
 ODD_NAMES = ('y', 'n', '1', '1.0', '1e5', '08', '0x1F', 'nan', 'inf', '1:30', 'null', '~', 'ø')
 
 
+def test_a_file_of_a_launch_file_is_read():
+    """launch_ros makes tuples of lists of parameters, and writes all with `yaml.dump`."""
+    parameters = {'base.position': (0.0, 0.1, 0.0), 'tension_names': ('a', '-'), 'stations': 11}
+    text = yaml.dump({'/**': {'ros__parameters': parameters}}, default_flow_style=False)
+    assert 'python/tuple' in text
+    expected = {name: list(v) if name != 'stations' else v for name, v in parameters.items()}
+    assert parse_parameters(text, 'it') == expected
+
+
 def test_texts_come_back_from_the_file_as_they_were():
     values = {'tendon_names': list(ODD_NAMES), 'base_frame': 'no', 'frame_prefix': '.inf'}
     text = parameters_as_yaml(values)

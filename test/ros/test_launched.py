@@ -79,8 +79,11 @@ def test_two_simulated_arms_have_frames_of_their_own(tmp_path):
     text = (ROOT / 'config' / 'renda2012_table4.yaml').read_text()
     file.write_text(re.sub(r'( +)model:', r"\1frame_prefix: 'of_file_'\n\1model:", text, count=1))
     prefixes = []
-    for given in ({'frame_prefix': 'left_'}, {'params_file': str(file)}, {}):
+    left = {'frame_prefix': 'left_', 'base_frame': 'left_base'}
+    for given in (left, {'params_file': str(file)}, {}):
         nodes = started('simulation', namespace='arm', ground_truth='true', **given)
+        frames = [one.get('base_frame') for one in nodes.values()]
+        assert frames == 3 * [given.get('base_frame')]
         assert set(nodes) == {
             ('octo_arm_node', '/arm'),
             ('octo_arm_sim', '/arm'),
@@ -156,9 +159,12 @@ def test_controllers_drive_the_tendons_of_an_arm_that_moves():
         namespace='left',
         interface='position',
         params_file='renda2012_prototype',
+        frame_prefix='left_',
         controllers_file='mine.yaml',
     )
     assert nodes['octo_arm_sim', '/left']['dynamics'] is True
     assert nodes['ros2_control_node', '/left']['file'] == 'mine.yaml'
-    assert '/left/tendon_states' in nodes['robot_state_publisher', '/left']['robot_description']
+    tendons = nodes['robot_state_publisher', '/left']
+    assert '/left/tendon_states' in tendons['robot_description']
+    assert tendons['frame_prefix'] == 'left_'
     assert ('spawner', '/left') in nodes
