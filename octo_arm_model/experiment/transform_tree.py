@@ -91,8 +91,10 @@ class TransformTree:
         """Add a transform from ``child`` to ``parent``; of static ones the last one holds.
 
         Raises:
-            MeasurementError: if the child has another parent already.
+            MeasurementError: if the child has another parent already, or is its own parent.
         """
+        if parent == child:
+            raise MeasurementError(f'the frame {child!r} is its own parent')
         link = self._links.setdefault(child, _Link(parent, is_static))
         if link.parent != parent:
             raise MeasurementError(

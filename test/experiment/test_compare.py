@@ -558,6 +558,9 @@ def test_circles_and_second_parents_are_refused():
         tree.origins('y', 'z', lambda why: None)
     with pytest.raises(MeasurementError, match="the parent of 'b' is 'c', expected 'a' as before"):
         tree.add('c', 'b', 1, np.zeros(3), np.eye(4)[3], False)
+    with pytest.raises(MeasurementError, match="the frame 'z' is its own parent"):
+        tree.add('z', 'z', 1, np.zeros(3), np.eye(4)[3], True)
+    assert tree.chain('w') == ['w', 'z']
 
 
 def test_a_pose_in_another_frame_is_that_of_the_transforms_between():

@@ -214,7 +214,9 @@ def test_what_a_moving_camera_sees_waits_for_the_transform_of_its_time(client):
         link.header.frame_id = 'arm_base'
         link.header.stamp.sec, link.header.stamp.nanosec = divmod(round(time * 1e9), 10**9)
         link.transform.translation.z, link.transform.rotation.w = height(time), 1.0
-        tell(transforms=[link])
+        itself = TransformStamped(child_frame_id='arm_base', header=link.header)  # is refused
+        itself.transform.rotation.w = 1.0
+        tell(transforms=[itself, link])
 
     def see(time):
         def seen(message):
