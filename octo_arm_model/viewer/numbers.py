@@ -33,8 +33,7 @@ def live(client: ArmClient) -> str:
     """Return tip, rate and latency of the newest shape, and the problems of the node."""
     shape = client.shape
     if shape is None:
-        text = 'no shape yet'
-        return _STYLE.format(_warning(f'{client.problem or "the node is silent"}: {text}'))
+        return _STYLE.format(_warning(f'{client.problem or "the node is silent"}: no shape yet'))
     x, y, z = 1e3 * shape.position[-1]
     deviation = 1e3 * client.tip_deviation
     spread = ''

@@ -269,10 +269,7 @@ class Page:
             self._search.request(target.position, self.commander.tensions)
 
         checkbox.on_update(lambda event: self._later(show))
-
-        @target.on_update
-        def _(event: viser.TransformControlsEvent) -> None:
-            self._later(search)
+        target.on_update(lambda event: self._later(search))
 
     def _take(self, answer: Answer) -> None:
         if isinstance(answer, Inverse):

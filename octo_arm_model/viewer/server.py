@@ -139,6 +139,10 @@ class Guard:
 
     def _log(self, record: logging.LogRecord) -> bool:
         error = record.exc_info[1] if record.exc_info else None
+        if isinstance(getattr(error, '__cause__', None), EOFError):
+            return (
+                False  # a peer left without a whole request, as browsers leave spare connections
+            )
         why = f': {str(error or type(error).__name__)[:80]!r}' if error else ''
         self.refusals.add(f'{record.getMessage()}{why}')
         return False
@@ -149,8 +153,7 @@ class Guard:
         """Return the response to a request, or None to accept a WebSocket."""
         hosts, origins = map(request.headers.get_all, ('Host', 'Origin'))
         status, objection = http.HTTPStatus.FORBIDDEN, self._access.objection(hosts, origins)
-        upgrades = [value.lower() for value in request.headers.get_all('Upgrade')]
-        is_socket = 'websocket' in upgrades
+        is_socket = 'websocket' in map(str.lower, request.headers.get_all('Upgrade'))
         if not objection and is_socket:
             if request.headers.get_all('Sec-WebSocket-Protocol') != [
                 f'viser-v{viser.__version__}'

@@ -202,6 +202,18 @@ def test_the_page_is_for_this_machine_alone_and_named(server):
     assert b'<title>octo_arm</title>' in page and b'Viser</title>' not in page
 
 
+def test_a_spare_connection_of_a_browser_is_no_refusal(server, caplog):
+    for sent, lines in ((b'', 0), (b'GET /', 0), (b'what\r\n', 1)):
+        with socket.create_connection(('127.0.0.1', server.get_port()), DEADLINE) as spare:
+            spare.sendall(sent)
+            spare.shutdown(socket.SHUT_WR)
+            while spare.recv(1000):
+                pass  # until the server has ended it
+        # What it logs of that, it has logged when it answers another request.
+        urllib.request.urlopen(f'http://127.0.0.1:{server.get_port()}/', timeout=DEADLINE).close()
+        assert len(caplog.messages) == lines
+
+
 @pytest.mark.parametrize(
     ('program', 'arguments', 'words'),
     [
