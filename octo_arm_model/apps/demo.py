@@ -109,9 +109,7 @@ def open_page(
 RATE = 50.0  # rate of the simulated tensions [Hz]
 LINE_PERIOD = 1.0  # time between lines of numbers without a terminal [s]
 _MOVEMENTS = ('bending', 'fetching', 'rotating', 'ramps')  # in order of preference
-_SLOWLY = 0.3  # highest speed factor of the movement of an arm that is pushed
 _POLL = 1.0 / 30.0  # time between two looks for messages [s]
-_GAP = 0.2  # time between readings that are used on a busy machine [s]
 _WINCHES = 0.2  # largest speed of winches over the length of the arm [1/s]
 _PROG = 'octo_arm_demo'
 _EPILOG = """\

@@ -66,6 +66,7 @@ class SteppedClock:
 TOPIC = '/diagnostics'
 QOS = QoSProfile(depth=5)
 PERIOD = 1.0  # [s]
+NO_TIME = 'no time: use_sim_time is set, but nothing is heard on /clock'
 _LONGEST = 900  # characters of the reasons of refusals
 
 
@@ -217,7 +218,7 @@ class Diagnostics:
             problems = self._inputs.silent(self._limits.silence_limit, self.is_used)
         now = 1e-9 * self.clock.now_ns
         if not now:
-            problems.append('no time: use_sim_time is set, but nothing is heard on /clock')
+            problems.append(NO_TIME)
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
         topics = sorted(topic for topic, _ in self._topics)

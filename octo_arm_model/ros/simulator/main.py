@@ -8,7 +8,6 @@ named on ``tendon_commands/displacements``; readings of their encoders are publi
 The arm may be pushed, and its sensors publish on ``measured/...`` for `octo_arm_estimator`.
 """
 
-import math
 import sys
 from collections.abc import Mapping
 from functools import partial
@@ -189,7 +188,7 @@ class SimulatorNode(CheckedNode):
     def _moving_arm(self) -> DynamicArm:
         arm = self._config.pushed_arm
         if not isinstance(arm, DynamicArm):
-            raise ConfigError('dynamics is false, expected true for an arm that messages move')
+            raise ConfigError('dynamics is false, expected true for an arm that moves')
         return arm
 
     def _reset(self) -> None:
@@ -203,9 +202,7 @@ class SimulatorNode(CheckedNode):
         self._push.forget()
 
     def _state_file(self) -> tuple[DynamicArm, Path]:
-        arm, file = self._config.pushed_arm, self._config.course.state_file
-        if not isinstance(arm, DynamicArm):
-            raise ConfigError('dynamics is false, expected true to save or restore a state')
+        arm, file = self._moving_arm(), self._config.course.state_file
         if not file:
             raise ConfigError("state_file is '', expected the name of a file of a state")
         return arm, Path(file)
@@ -249,13 +246,15 @@ class SimulatorNode(CheckedNode):
 
     def _step(self, elapsed_ns: int, now: RosTime) -> None:
         """Advance winches, load cells and arm by ``elapsed_ns``, up to the time ``now``."""
-        config = self._config
+        config, course = self._config, self._config.course
+        if course.dynamics and not course.publish_clock:
+            # If a call is late, all that is simulated falls behind a clock that is not its own.
+            elapsed_ns = min(elapsed_ns, round(2e9 / course.rate))
         if self._is_playing and config.profile is not None:
             self._command = config.profile.at(1e-9 * self._played_ns, loop=config.playing.loop)
             self._played_ns += config.playing.speed * elapsed_ns
         before_ns, self._time_ns = self._time_ns, self._time_ns + elapsed_ns
-        elapsed = 1e-9 * elapsed_ns
-        model, course, stamp = config.model, config.course, now.to_msg()
+        elapsed, model, stamp = 1e-9 * elapsed_ns, config.model, now.to_msg()
         try:
             self._set_point = self._drive.set_points(self._command)
         except OctoArmError as error:
@@ -264,12 +263,9 @@ class SimulatorNode(CheckedNode):
         effective = self._drive.advance(self._set_point, elapsed)
         push_force = self._push.at(1e-9 * self._time_ns)
         has_moved = config.pushed_arm is not None
-        # If a call is more than a period late, the arm falls behind a clock that is not its own.
-        longest = 2.0 / course.rate if has_moved and not course.publish_clock else math.inf
-        arm_step = min(elapsed, longest)
-        self._diagnostics.counts['simulated'] += arm_step
+        self._diagnostics.counts['simulated'] += elapsed
         try:
-            effective = self._drive.move(effective, push_force, arm_step)
+            effective = self._drive.move(effective, push_force, elapsed)
         except OctoArmError as error:
             self._fail(error)
             has_moved = False
@@ -300,9 +296,8 @@ class SimulatorNode(CheckedNode):
         except OctoArmError as error:
             self._diagnostics.log.warn(self._encoders.topic_name, error)
             return
-        header = Header(stamp=stamp, frame_id=model.base_frame)
-        names = list(model.arm.tendon_names)
-        message = JointState(header=header, name=names, position=reeled_in.tolist())
+        message = JointState(name=list(model.arm.tendon_names), position=reeled_in.tolist())
+        message.header = Header(stamp=stamp, frame_id=model.base_frame)
         self._encoders.publish(message)
 
     def _readings_message(self, readings: FloatArray, stamp: Time) -> TendonTensions:
@@ -319,8 +314,10 @@ class SimulatorNode(CheckedNode):
         source = 'profile' if self._is_playing else 'commands'
         if self._time.is_paused:
             source = publishers.PAUSED
+        has_time = self._config.course.publish_clock or self.get_clock().now().nanoseconds
+        problem = self._commanders.report() if has_time else diagnostics.NO_TIME
         with until_shutdown(self.context):
-            self._diagnostics.publish(source, self._commanders.report())
+            self._diagnostics.publish(source, problem)
 
 
 main = partial(run, 'octo_arm_sim', SimulatorNode)

@@ -27,6 +27,7 @@ from std_srvs.srv import SetBool, Trigger
 from octo_arm_model import ArmDefinitionError, load_config
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.simulator.main import SimulatorNode
+from octo_arm_model.simulation.movements import find_profile
 from octo_arm_model.simulation.pushed_arm import touched
 
 FILE = preset_path('renda2012_prototype')
@@ -119,11 +120,12 @@ def test_the_moving_arm_is_published_paused_stepped_and_reset():
         client.wait(lambda: client.tips and np.linalg.norm(client.tip() - straight) < 1e-9, 'rest')
 
 
-def test_rates_are_those_of_an_arm_that_is_slower_than_a_clock_that_jumps():
-    with moving(use_sim_time=True, rate=20.0) as client:
+def test_all_of_an_arm_is_slower_than_a_clock_that_jumps():
+    with moving(use_sim_time=True, rate=20.0, profile__name='ramps') as client:
         joints = client.hear(JointState, 'tendon_states')
         tell_time = client.clock()
-        for second in (5000, 10**6):  # [s], of which it goes on by 0.1 s
+        assert 'nothing is heard on /clock' in client.status('simulator')[0].message
+        for second in (5000, 10**6, 2 * 10**6):  # [s], of which it goes on by 0.1 s
             client.wait(
                 lambda second=second: joints and joints[-1].header.stamp.sec == second,
                 f'the arm at {second} s',
@@ -132,9 +134,12 @@ def test_rates_are_those_of_an_arm_that_is_slower_than_a_clock_that_jumps():
             assert client.change(push__force=[0.0, 0.02, 0.0]) == (True, '')
         client.status('simulator')
         assert max(map(float, client.values('real time factor'))) < 100.0
-    before, after = (np.array(one.position) for one in joints)
-    assert np.abs(after - before).max() > 1e-6
-    assert_allclose(joints[-1].velocity, (after - before) / 0.1, rtol=1e-9, atol=1e-12)
+    reeled = np.diff([one.position for one in joints], axis=0)
+    assert np.abs(reeled).max() > 1e-6
+    velocities = [one.velocity for one in joints[1:]]
+    assert_allclose(velocities, reeled / 0.1, rtol=1e-9, atol=1e-12)
+    played = find_profile('ramps', CONFIG.arm).at(np.array([0.0, 0.05, 0.15]))
+    assert_allclose([one.effort for one in joints], played, atol=1e-12)
 
 
 @pytest.mark.parametrize('lag', [0.0, 0.1])
