@@ -43,7 +43,11 @@ def _row(parameter: Parameter) -> str:
     default = 'empty' if value in ([], '') else f'`{value}`'
     if parameter.default is None:
         default = ', or '.join(['required', *(f'`{name}`' for name in parameter.unless)])
-    return f'| `{parameter.name}` | {parameter.type_name} | {default} | {parameter.description} |'
+    meaning = parameter.description
+    for names, relation in ((parameter.unless, 'not beside'), (parameter.needs, 'only with')):
+        if names:
+            meaning += f'; {relation} {" or ".join(f"`{name}`" for name in names)}'
+    return f'| `{parameter.name}` | {parameter.type_name} | {default} | {meaning} |'
 
 
 # The manual's tables of parameters are generated from their declarations.

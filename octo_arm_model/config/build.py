@@ -12,7 +12,6 @@ from octo_arm_model.arm.arm import Arm, check_size
 from octo_arm_model.arm.body import Body, GivenStiffness, ProfiledBody, RectangularBody, RestShape
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.limits import MAX_DISCS
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.profile import LINEAR, Constant, Profile, Table
 from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon, check_angle
@@ -206,8 +205,6 @@ def _material(given: Values) -> Material:
     shear = given['material.shear_modulus']
     s = given['material.table_s']
     if s:
-        if shear:
-            raise ConfigError('material.shear_modulus does not go with material.table_s')
         young = _table(given, 'material.table_youngs_modulus', s)
         if given['material.table_poisson_ratio']:
             ratio = _table(given, 'material.table_poisson_ratio', s)
@@ -220,10 +217,6 @@ def _material(given: Values) -> Material:
 
 def _discs(given: Values) -> Discs:
     s, count = given['tendons.discs'], given['tendons.disc_count']
-    if s and count:
-        raise ConfigError(f'tendons.disc_count is {count}, expected 0 with tendons.discs')
-    if not 0 <= count <= MAX_DISCS:
-        raise ConfigError(f'tendons.disc_count is {count}, expected 0 to {MAX_DISCS}')
     disc = given['tendons.disc_thickness'], given['tendons.disc_mass']
     return Discs.evenly(count, given['body.length'], *disc) if count else Discs(s, *disc)
 
@@ -232,11 +225,7 @@ def _body(given: Values) -> Body | ProfiledBody | RectangularBody:
     length, discs = given['body.length'], given['body.disc_radius']
     width, height = (_along(given, 'body', x, given[f'body.{x}']) for x in ('width', 'height'))
     bore = _along(given, 'body', 'inner_radius', given['body.inner_radius'])
-    radii = ('radius_base', 'radius_tip', 'table_radius', 'inner_radius', 'table_inner_radius')
-    given_radii = [name for name in radii if given.get(f'body.{name}')]
     if width != 0.0 or height != 0.0:
-        if given_radii:
-            raise ConfigError(f'body.{given_radii[0]} does not go with width and height of a body')
         _all_along(given, 'body', {'width': 0.0, 'height': 0.0})
         return RectangularBody(length, width, height, discs)
     if given['body.table_s']:
@@ -334,9 +323,6 @@ def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
             'tendons.table_between is linear, and tendons.friction is given: it has no friction '
             'at kinks, expected pchip'
         )
-    for name in ('sections.offset_base', 'sections.offset_anchorage', 'tendons.twist'):
-        if given.get(name):
-            raise ConfigError(f'{name} does not go with tendons.table_s')
     columns = {}
     for name in ('tendons.table_offset', 'tendons.table_angle'):
         column = given[name]

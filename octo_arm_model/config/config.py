@@ -14,7 +14,7 @@ from octo_arm_model.arm.material import DEFAULT_LAW, MotionProperties
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import check_class
 from octo_arm_model.config import build
-from octo_arm_model.config.parameter import refuse_unknown
+from octo_arm_model.config.parameter import check_together, refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS, DiagnosticLimits
 from octo_arm_model.config.surroundings import build_loads, build_motion
@@ -100,6 +100,7 @@ class Config:
                     f'{parameter.name} is missing, expected {parameter.type_name}: '
                     f'{parameter.description}'
                 )
+        check_together(PARAMETERS, given)
         _check(given)
         arm = build.build_arm(given)
         uncertainty = build.build_uncertainty(given, arm)

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 from octo_arm_model.arm import validation
-from octo_arm_model.arm.errors import ConfigError, listed, shown
+from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, listed, shown
 from octo_arm_model.arm.limits import MAX_NAME, MAX_TABLE_POINTS
 
 Values = Mapping[str, Any]  # the values of all parameters by name
 
 _KINDS = {'double': float, 'integer': int, 'string': str, 'bool': bool}
 _UNIT = re.compile(r'\[([^]]*)\]')
-_WITHIN = re.compile(r'in \[([-\d.]+), ([-\d.]+)\]')
+_WITHIN = re.compile(r'in ([\[(])([-\d.]+), ([-\d.]+)([\])])')
 _WORDS = re.compile(', or |, | or ')
 
 
@@ -30,7 +30,8 @@ class Parameter:
         default: value if none is given; None if a value must be given.
         range: allowed values in words; `check` enforces those that it can read.
         is_choice: whether the range lists all values, as 'pchip or linear' or 'one of a, b, c'.
-        unless: names of parameters that replace this one; if one is given this one may be missing.
+        unless: names of parameters that replace this one; if one is given this one may not be.
+        needs: names of parameters without which this one has no effect; one must be given.
         most: largest number of values in a list, whether they are used or not.
         what: noun for a value in errors.
         kind: Python type of a value, or of the values in a list.
@@ -43,6 +44,7 @@ class Parameter:
     range: str = ''
     is_choice: bool = False
     unless: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
     most: int = MAX_TABLE_POINTS
     what: str = 'number'
     kind: type = float
@@ -105,7 +107,13 @@ class Parameter:
         elif self.range == '> 0':
             validation.positive(name, value, unit)
         elif ends := _WITHIN.fullmatch(self.range):
-            validation.within(name, value, float(ends[1]), float(ends[2]), unit)
+            low, high = float(ends[2]), float(ends[3])
+            within = self.range.replace('in', 'within', 1)
+            expected = f'a finite number {within} [{unit}]'.removesuffix(' []')
+            number = validation.finite(name, value, expected)
+            at_end = (number == low and ends[1] == '[') or (number == high and ends[4] == ']')
+            if not (low < number < high or at_end):
+                raise ArmDefinitionError(name, value, expected)
         elif self.kind is float:
             validation.finite(name, value)
         elif choices and value not in (*choices, self.default):
@@ -130,14 +138,16 @@ class Parameter:
 def read_table(text: str) -> tuple[Parameter, ...]:
     """Return the parameters in a table of text.
 
-    A row is a line of cells between |, and indented lines below it with the description::
+    A row is a line of cells between |, which goes on in indented lines that begin with |, and
+    indented lines below it with the description::
 
         body.radius_tip | double | | > 0 | unless body.table_s body.width
             radius at the tip [m]
 
     The cells are name, type as in ROS, default as in Python (empty if the parameter must be
     given), range in words (empty or left out for any value) and options: any of ``choice``,
-    ``unless`` with names, ``what`` with a word and ``most`` with a number, as in `Parameter`.
+    ``unless`` with names, ``with`` and names that it needs, ``what`` with a word and ``most``
+    with a number, as in `Parameter`.
 
     Raises:
         ValueError: if a row is malformed; the message quotes it.
@@ -146,14 +156,17 @@ def read_table(text: str) -> tuple[Parameter, ...]:
 
 
 def _read_row(row: str) -> Parameter:
-    head, *lines = row.splitlines() or ['']
+    head, *lines = re.sub(r'\n +\|', ' |', row).splitlines() or ['']
     description = ' '.join(map(str.strip, lines))
     cells = [cell.strip() for cell in head.split('|')]
     name, kind, default, allowed, *options = cells + (4 - len(cells)) * ['']
     for text, pattern, expected in (
         (head, r'\w+(\.\w+)* *\|[^|]*\|.*', 'name | type | default'),
         (kind, rf'({"|".join(_KINDS)})(\[\])?', 'a type'),
-        *((one, r'choice|unless( [\w.]+)+|what \w+|most \d+', 'an option') for one in options),
+        *(
+            (one, r'choice|(unless|with)( [\w.]+)+|what \w+|most \d+', 'an option')
+            for one in options
+        ),
         (description, r'(?!.* \| ).+', 'an indented description'),
     ):
         if not re.fullmatch(pattern, text):
@@ -165,6 +178,7 @@ def _read_row(row: str) -> Parameter:
         range=allowed,
         is_choice='choice' in values,
         unless=tuple(values.get('unless', '').split()),
+        needs=tuple(values.get('with', '').split()),
         most=int(values.get('most', MAX_TABLE_POINTS)),
         what=values.get('what', 'number'),
         kind=_KINDS[kind.removesuffix('[]')],
@@ -175,6 +189,27 @@ def _read_row(row: str) -> Parameter:
     except (ValueError, SyntaxError) as error:
         raise ValueError(f'row {row!r} of parameters: {default} is no default: {error}') from None
     return dataclasses.replace(parameter, default=value)
+
+
+def check_together(parameters: Sequence[Parameter], values: Values) -> None:
+    """Check that no value has no effect beside the others; one as by default is not given.
+
+    Raises:
+        ArmDefinitionError: if a parameter is given that another one replaces, or without those
+            that it needs.
+    """
+    given = {
+        parameter.name
+        for parameter in parameters
+        if parameter.name in values and values[parameter.name] != parameter.default_or_none_given
+    }
+    for parameter in parameters:
+        why = [f'where {other} is given' for other in parameter.unless if other in given]
+        if parameter.needs and given.isdisjoint(parameter.needs):
+            why.append(f'without {" or ".join(parameter.needs)}')
+        if parameter.name in given and why:
+            value = values[parameter.name]
+            raise ArmDefinitionError(parameter.name, value, f'no value {why[0]}')
 
 
 def check_length(name: str, column: Sequence[Any], count: int, what: str) -> None:
@@ -213,12 +248,13 @@ def stated(
     """Return a field of a `ParameterGroup`, which is an array if its ``default`` is a tuple.
 
     The ``description`` has the unit in brackets. `Parameter.check` refuses values that are not
-    ``allowed``, a range in words, with ``what`` as the noun for a value. An array has at most
-    ``most`` values.
+    ``allowed``, a range in words or all texts that are, with ``what`` as the noun for a value. An
+    array has at most ``most`` values.
     """
     is_array = isinstance(default, tuple)
     kind = type((default or (0.0,))[0] if is_array else default)
     options: dict[str, Any] = {'most': most, 'what': what, 'kind': kind, 'is_array': is_array}
+    options['is_choice'] = kind is str and bool(allowed)
     parameter = Parameter('', description, default, allowed, **options)
     return dataclasses.field(default=default, metadata={'stated': parameter})
 

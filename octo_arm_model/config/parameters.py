@@ -67,8 +67,9 @@ base.quaternion | double[] | [0.0, 0.0, 0.0, 1.0] | of length 1
 material.youngs_modulus | double | | > 0 | unless material.table_s
     Young's modulus E [Pa]
 material.poisson_ratio | double | 0.5 | in (-1, 0.5]
+    | unless material.table_poisson_ratio material.shear_modulus
     Poisson's ratio nu [-]
-material.shear_modulus | double | 0.0 | 0, or at least E / 3
+material.shear_modulus | double | 0.0 | 0, or at least E / 3 | unless material.table_s
     shear modulus G [Pa] instead of poisson_ratio; 0 for E / (2 (1 + nu))
 material.density | double | 0.0 | >= 0
     density [kg/m^3]; needed under gravity and to move
@@ -78,9 +79,9 @@ material.shear | bool | False
     whether cross sections shear, with law linear
 material.table_s | double[] | [] | increasing from 0 to the tip | most {MAX_TABLE_POINTS}
     arc coordinates of a material that varies along the arm, from 0 on [m]
-material.table_youngs_modulus | double[] | [] | > 0
+material.table_youngs_modulus | double[] | [] | > 0 | with material.table_s
     E at each of table_s [Pa]
-material.table_poisson_ratio | double[] | [] | in (-1, 0.5]
+material.table_poisson_ratio | double[] | [] | in (-1, 0.5] | with material.table_s
     nu at each of table_s [-]; empty for poisson_ratio
 body.length | double | | > 0
     length L of the arm [m]
@@ -94,11 +95,11 @@ body.disc_radius | double | 0.0 | >= 0
     everywhere, unless tendons.discs or disc_count says where the discs are
 body.table_s | double[] | [] | increasing from 0 to the tip | most {MAX_TABLE_POINTS}
     arc coordinates of a body that is not a cone, from 0 to the tip [m]
-body.table_radius | double[] | [] | > 0
+body.table_radius | double[] | [] | > 0 | with body.table_s | unless body.width body.table_width
     radius at each of table_s [m]
-body.inner_radius | double | 0.0 | 0 <= inner_radius < radius
+body.inner_radius | double | 0.0 | 0 <= inner_radius < radius | unless body.width body.table_width
     radius of the bore of a tube, closed and empty [m]; 0 for a solid body
-body.table_inner_radius | double[] | [] | 0 <= inner_radius < radius
+body.table_inner_radius | double[] | [] | 0 <= inner_radius < radius | with body.table_radius
     radius of the bore at each of table_s [m]; empty for inner_radius
 body.width | double | 0.0 | 0, or > 0 with height
     size along n of a body of rectangular sections [m], instead of a radius; 0 for a round one
@@ -147,20 +148,21 @@ sections.offset_base | double[] | | 0 to the radius of body or discs | unless te
     distance of each section's tendons from the midline at the base [m]
 sections.offset_anchorage | double[] | | 0 to the radius of body or discs | unless tendons.table_s
     distance of each section's tendons from the midline at its anchorage [m]
-tendons.angle | double[] | [] | from -2 pi to 2 pi
+tendons.angle | double[] | [] | from -2 pi to 2 pi | unless tendons.table_angle
     direction of each tendon at the base [rad], from n towards b, section by section from the
     tip; empty for even spacing from n on
-tendons.twist | double[] | []
+tendons.twist | double[] | [] | | unless tendons.table_s
     angle by which each tendon winds about the midline up to its anchorage [rad]; empty for
     straight tendons
 tendons.table_s | double[] | [] | increasing from 0 to all anchorages | most {MAX_TABLE_POINTS}
     arc coordinates of tabulated paths of all tendons, from 0 on [m]
-tendons.table_between | string | 'pchip' | pchip or linear | choice
+tendons.table_between | string | 'pchip' | pchip or linear | choice | with tendons.table_s
     interpolation of distance and direction between table_s: pchip, a smooth monotone cubic, or
     linear, with kinks at table_s as at rings that guide the tendons
 tendons.table_offset | double[] | [] | 0 to the radius of body or discs | most {MAX_TENDON_TABLE}
+    | with tendons.table_s
     distance from the midline at each of table_s [m], tendon after tendon
-tendons.table_angle | double[] | [] | | most {MAX_TENDON_TABLE}
+tendons.table_angle | double[] | [] | | most {MAX_TENDON_TABLE} | with tendons.table_s
     direction at each of table_s [rad], tendon after tendon; empty for angle
 tendons.axial_stiffness | double[] | [] | >= 0
     E A of each tendon [N], section by section from the tip, or one number for all; winches
@@ -181,7 +183,7 @@ tendons.discs | double[] | [] | increasing, in (0, body.length] | most {MAX_DISC
     arc coordinates of the faces towards the tip of discs between which tendons are straight
     [m]; anchorages are discs too; empty for tendons that the body guides everywhere; with model
     exact
-tendons.disc_count | integer | 0 | 0 to {MAX_DISCS}
+tendons.disc_count | integer | 0 | in [0, {MAX_DISCS}] | unless tendons.discs
     number of evenly spaced discs, the last of them at the tip, instead of discs; 0 for none;
     at most {MAX_DISCS}
 tendons.disc_thickness | double | 0.0 | >= 0, less than the distance of discs
@@ -275,12 +277,12 @@ motion.damping_time | double | 0.0 | >= 0
     is the same for poisson_ratio 0.5
 motion.water | string | '' | {_WATERS}, or empty | choice
     source of the coefficients of drag and added mass: {_WATERS}; empty for the next three
-motion.normal_drag | double | 0.0 | >= 0
+motion.normal_drag | double | 0.0 | >= 0 | unless motion.water
     coefficient C_n of the drag across, rho R C_n v |v| per length [-], in a fluid of
     loads.fluid_density
-motion.tangential_drag | double | 0.0 | >= 0
+motion.tangential_drag | double | 0.0 | >= 0 | unless motion.water
     coefficient C_t of the drag along, rho R pi C_t v |v| / 2 per length [-]
-motion.added_mass | double | 0.0 | >= 0
+motion.added_mass | double | 0.0 | >= 0 | unless motion.water
     mass of water that is accelerated across over the mass of displaced water [-]
 motion.current | double[] | [0.0, 0.0, 0.0]
     velocity of the water in base_frame [m/s]

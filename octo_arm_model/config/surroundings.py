@@ -41,12 +41,7 @@ def build_motion(given: Values) -> MotionProperties:
     names = [field.name for field in dataclasses.fields(MotionProperties)]
     values = {name: given[f'motion.{name}'] for name in names}
     if given['motion.water']:
-        water = WATERS[given['motion.water']]._asdict()
-        for name in water:
-            if values[name]:
-                expected = '0 where motion.water is given'
-                raise ArmDefinitionError(f'motion.{name}', values[name], expected)
-        values |= water
+        values |= WATERS[given['motion.water']]._asdict()
     return MotionProperties(**values)
 
 

@@ -40,7 +40,7 @@ class EstimatorParameters(ParameterGroup):
         'force at contact_s), somewhere (a force at one of contact_s or nowhere, by their '
         'probabilities), current (uniform, of the surrounding fluid) or none',
         'tip',
-        ', '.join(CONTACTS),
+        f'one of {", ".join(CONTACTS)}',
     )
     contact_s: tuple[float, ...] = stated(
         'arc coordinates of the contact [m]; empty, with somewhere, for '
@@ -252,10 +252,6 @@ class EstimatorSettings:
 def _check(options: EstimatorParameters, arm: Arm) -> None:
     """Check the places against the arm, and the parameters against each other."""
     contact, positions = options.contact, options.contact_s
-    if contact not in CONTACTS:
-        raise ConfigError(
-            f'estimator.contact is {shown(contact)}, expected one of {", ".join(CONTACTS)}'
-        )
     if positions and contact not in ('at', 'somewhere'):
         raise ConfigError(f'estimator.contact_s is given, which goes not with contact {contact}')
     if contact == 'at' and not positions:
@@ -270,8 +266,6 @@ def _check(options: EstimatorParameters, arm: Arm) -> None:
         raise ConfigError(
             f'estimator.contact_s is {shown(list(positions))}, expected each place once'
         )
-    if not 0.0 < options.gate < 1.0:
-        raise ConfigError(f'estimator.gate is {options.gate}, expected within (0, 1)')
 
 
 def _unknowns(

@@ -289,47 +289,34 @@ class EstimateTables(CsvFiles):
         self._estimates = self.open(folder / 'estimate.csv')
         self._innovations = self.open(folder / 'innovations.csv')
         self._innovations.writerow(INNOVATIONS)
-        state = next(iter(models.values())).state
-        others = [state.names[number] for number in _besides_contact(state)]
-        values = [*_TIP, *_WRENCH, *(f'{name}{_unit(name)}' for name in others)]
-        deviations = [name.replace(' [', ' stddev [') for name in values]
-        self._estimates.writerow(
-            [
-                'time [s]',
-                'stamp [ns]',
-                'contact',
-                'contact s [m]',
-                *values,
-                *deviations,
-                'normalised square',
-                'numbers',
-                'refused',
-                *(f'probability {name}' for name in self._hypotheses),
-            ]
-        )
+        self._has_header = False
 
     def write(self, moment: Moment, update: EstimatorOutput) -> None:
         """Write the ``update`` of one time; OSError if it cannot be written."""
         time, estimate = round(moment.time, 9), update.estimate
         others = _besides_contact(estimate.state)
+        names = [estimate.state.names[number] for number in others]
+        names = [*_TIP, *_WRENCH, *(f'{name}{_unit(name)}' for name in names)]
         deviations = np.sqrt(np.diag(estimate.covariance))[others]
-        self._estimates.writerow(
-            [
-                time,
-                moment.stamp_ns,
-                moment.hypothesis,
-                moment.s,
-                *moment.tip.tolist(),
-                *moment.wrench.tolist(),
-                *estimate.mean[others].tolist(),
-                *moment.tip_stddev.tolist(),
-                *moment.wrench_stddev.tolist(),
-                *deviations.tolist(),
-                *estimate.normalised_square,
-                ' and '.join(one.name for one in update.innovations if not one.is_accepted),
-                *(update.probabilities[name] for name in self._hypotheses),
-            ]
-        )
+        values = np.concatenate([moment.tip, moment.wrench, estimate.mean[others]])
+        stddevs = np.concatenate([moment.tip_stddev, moment.wrench_stddev, deviations])
+        square, numbers = estimate.normalised_square
+        row = {
+            'time [s]': time,
+            'stamp [ns]': moment.stamp_ns,
+            'contact': moment.hypothesis,
+            'contact s [m]': moment.s,
+            **dict(zip(names, values.tolist())),
+            **dict(zip([name.replace(' [', ' stddev [') for name in names], stddevs.tolist())),
+            'normalised square': square,
+            'numbers': numbers,
+            'refused': ' and '.join(one.name for one in update.innovations if not one.is_accepted),
+            **{f'probability {name}': update.probabilities[name] for name in self._hypotheses},
+        }
+        if not self._has_header:
+            self._estimates.writerow(row)
+            self._has_header = True
+        self._estimates.writerow(row.values())
         for innovation in update.innovations:
             stddev = np.sqrt(np.diag(innovation.covariance))
             for number, (value, size) in enumerate(zip(innovation.value, stddev, strict=True)):

@@ -126,7 +126,8 @@ def load_state(path: Path, problem: MovingProblem) -> MotionState:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise ValueError(f'it has more than {_MOST_BYTES} bytes')
-        with np.load(path, allow_pickle=False) as file:
+        # The file is opened here, as NumPy leaves one open that is damaged.
+        with path.open('rb') as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except Exception as error:
         # Damaged files make zipfile and NumPy raise errors of many types, MemoryError too.

@@ -38,7 +38,7 @@ class Push(ParameterGroup):
         'force that pushes the arm, in base_frame [N]; with model exact', (0.0, 0.0, 0.0)
     )
     s: float = stated(
-        'arc coordinate of the cross section it acts on [m]; 0 for the tip', 0.0, 'on the arm'
+        'arc coordinate on the arm of the cross section it acts on [m]; 0 for the tip', 0.0, '>= 0'
     )
     period: float = stated(
         'period of the force, which acts in the second half of it [s]; 0 for a constant force',
@@ -78,9 +78,9 @@ class Sensors(ParameterGroup):
     )
     markers_rate: float = stated(f'measured/markers: {_RATE}', 0.0, '>= 0')
     marker_s: tuple[float, ...] = stated(
-        f'arc coordinates of the markers [m], at most {MAX_MARKERS}',
+        f'arc coordinates on the arm of the markers [m], at most {MAX_MARKERS}',
         (),
-        'on the arm',
+        '>= 0',
         most=MAX_MARKERS,
     )
     marker_stddev: float = stated('noise of each coordinate of a marker [m]', 0.0, '>= 0')

@@ -91,6 +91,7 @@ class Course(ParameterGroup):
 
     def __post_init__(self) -> None:
         """Check the values."""
+        super().__post_init__()
         lowest = _MOVING_RATE if self.dynamics else MIN_RATE
         within('rate', self.rate, lowest, HIGHEST_RATE, 'Hz')
         if self.real_time_factor:
@@ -99,8 +100,6 @@ class Course(ParameterGroup):
             raise ArmDefinitionError(
                 'real_time_factor', self.real_time_factor, '1 without publish_clock'
             )
-        if self.on_failure not in _ON_FAILURE:
-            raise ConfigError(f'on_failure is {shown(self.on_failure)}, expected go_on or pause')
         if self.state_file and not self.state_file.endswith(SUFFIX):
             raise ConfigError(
                 f'state_file is {shown(self.state_file)}, expected a name that ends with {SUFFIX}'
@@ -194,9 +193,9 @@ class SimulatorConfig:
         refuse_unknown(values, known, 'the simulator or the arm')
         config = Config.from_parameters({k: v for k, v in values.items() if k not in _NAMES})
         given = {p.name: p.convert(values.get(p.name, p.default)) for p in PARAMETERS}
-        for name in ('push.s', 'sensors.marker_s'):
-            for s in np.atleast_1d(given[name]).tolist():
-                within(name, s, 0.0, config.arm.length, 'm')
+        push, sensors = Push.of(given), Sensors.of(given)
+        for name, s in (('push.s', push.s), *(('sensors.marker_s', s) for s in sensors.marker_s)):
+            within(name, s, 0.0, config.arm.length, 'm')
         if not config.encoders.is_identity:
             raise ConfigError(
                 'displacement_names, displacement_scale and displacement_offset are of real '
@@ -204,7 +203,6 @@ class SimulatorConfig:
             )
         winches, cells, relaxation = Winches.of(given), LoadCells.of(given), Relaxation.of(given)
         hardware = Hardware(winches, cells, relaxation, config.load_cells)
-        push, sensors = Push.of(given), Sensors.of(given)
         simulator = cls(config, Course.of(given), Playing.of(given), hardware, push, sensors)
         simulator.profile, simulator.pushed_arm  # noqa: B018 - these properties raise errors
         return simulator

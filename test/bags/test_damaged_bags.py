@@ -262,7 +262,8 @@ def test_what_is_no_file_is_not_waited_for(tmp_path, monkeypatch, place, kind):
         os.mkfifo(target)
     elif kind == 'socket':
         monkeypatch.chdir(path)  # The name of a socket is short.
-        socket.socket(socket.AF_UNIX).bind(target.name)
+        with socket.socket(socket.AF_UNIX) as bound:
+            bound.bind(target.name)
     elif kind == 'device':
         target.symlink_to('/dev/zero')
     else:

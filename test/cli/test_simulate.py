@@ -122,7 +122,6 @@ def test_the_file_of_an_arm_says_how_it_moves():
     assert config.dynamics(5).properties == config.motion
     for wrong, message in (
         ({'motion.water': 'empty'}, "motion.water is 'empty', expected renda2018 or cylinder"),
-        ({'motion.added_mass': 1.0}, 'expected 0 where motion.water is given'),
         ({'motion.current': [1.0]}, 'motion.current'),
         ({'motion.viscosity': -1.0}, 'motion.viscosity'),
     ):

@@ -16,7 +16,9 @@ from octo_arm_model import (
     TensionError,
 )
 from octo_arm_model.config.build import LoadCellCalibration
+from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.config.parameters import PARAMETERS
 
 TABLE4 = load_parameters('renda2012_table4')
 CONFIG = Config.from_parameters(TABLE4)
@@ -170,3 +172,38 @@ def test_a_node_of_an_arm_that_rubs_says_that_there_are_no_shapes_at_rest():
     config = Config.from_parameters(ARM | THREE)
     with pytest.raises(ConfigError, match=r'loads.obstacles have friction'):
         config.node_solver()
+
+
+# Values beside others ----------------------------------------------------------------------------
+
+
+def given(parameter: Parameter) -> Any:
+    """Some value of a ``parameter``, within its range."""
+    value = {float: 0.25, int: 2, str: 'linear'}[parameter.kind]
+    value = 'cylinder' if parameter.name == 'motion.water' else value
+    return [value] if parameter.is_array else value
+
+
+BY_NAME = {one.name: one for one in PARAMETERS}
+ALTERNATIVES = [(one, BY_NAME[other]) for one in PARAMETERS for other in one.unless]
+
+
+@pytest.mark.parametrize(('one', 'other'), ALTERNATIVES, ids=lambda one: one.name)
+def test_of_two_values_of_one_quantity_one_is_refused(one, other):
+    rest = {name: v for name, v in ARM.items() if other.name not in BY_NAME[name].unless}
+    both = {one.name: given(one), other.name: given(other)}
+    why = f'^{one.name} is .*, expected no value where {other.name} is given$'
+    with pytest.raises(ArmDefinitionError, match=why):
+        Config.from_parameters(rest | both)
+
+
+@pytest.mark.parametrize('one', [one for one in PARAMETERS if one.needs], ids=lambda one: one.name)
+def test_a_value_that_nothing_uses_is_refused(one):
+    why = f'^{one.name} is .*, expected no value without {" or ".join(one.needs)}$'
+    with pytest.raises(ArmDefinitionError, match=why):
+        Config.from_parameters(ARM | {one.name: given(one)})
+
+
+def test_zero_and_empty_lists_are_no_values_as_in_ros():
+    arm = ARM | {'body.width': 0.0, 'material.shear_modulus': 0.0, 'tendons.table_s': []}
+    assert Config.from_parameters(arm | {'body.inner_radius': 0.0}) == Config.from_parameters(ARM)

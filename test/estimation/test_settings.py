@@ -8,7 +8,13 @@ import pytest
 from octo_arm_model import Config, ConfigError, OctoArmError
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.estimation.settings import BENT, PREFIX, EstimatorSettings, TensionStatistics
+from octo_arm_model.estimation.settings import (
+    BENT,
+    PREFIX,
+    EstimatorParameters,
+    EstimatorSettings,
+    TensionStatistics,
+)
 from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.recording import check_marker_s
 
@@ -165,8 +171,8 @@ def test_models_are_those_of_the_file_solved_by_the_model_exact():
         ({'marker_s': [0.1] * 301}, 'estimator.marker_s has 301 values, expected at most 300'),
         ({'force_time': 0.0}, r'force_time is 0.0, expected a finite number > 0 \[s\]'),
         ({'marker_stddev': float('inf')}, r'marker_stddev is inf, .* > 0 \[m\]'),
-        ({'gate': 1.0}, r'gate is 1.0, expected within \(0, 1\)'),
-        ({'gate': np.float64(2.0)}, r'gate is 2.0, expected within \(0, 1\)'),
+        ({'gate': 1.0}, r'gate is 1.0, expected a finite number within \(0, 1\)'),
+        ({'gate': np.float64(2.0)}, r'gate is 2.0, expected a finite number within \(0, 1\)'),
         ({'force_stdev': 1.0}, 'did you mean estimator.force_stddev'),
         ({'marker_s': 'tip'}, r"marker_s is 'tip', expected double\[\]"),
     ],
@@ -174,6 +180,12 @@ def test_models_are_those_of_the_file_solved_by_the_model_exact():
 def test_wrong_values_are_named(values, words):
     with pytest.raises(OctoArmError, match=words):
         settings(**values)
+
+
+@pytest.mark.parametrize('values', [{'contact': 'elbow'}, {'gate': 0.0}, {'cell_fault': 1.0}])
+def test_parameters_are_checked_before_any_arm(values):
+    with pytest.raises(OctoArmError, match=f'estimator.{next(iter(values))} is .*, expected'):
+        EstimatorParameters(**values)
 
 
 def test_an_unknown_modulus_and_sheaths_are_refused_by_their_parameters():

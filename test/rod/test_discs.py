@@ -212,9 +212,8 @@ def test_random_robots_have_shapes_unless_tensions_fold_them_between_discs():
     [
         ({'tendons.discs': [0.1, 0.1]}, 'tendons.discs is [0.1, 0.1], expected increasing'),
         ({'tendons.discs': [0.5]}, 'tendons.discs is 0.5, expected at most the length'),
-        ({'tendons.disc_count': 10**9}, 'tendons.disc_count is 1000000000, expected 0 to'),
-        ({'tendons.disc_count': 3, 'tendons.discs': [0.1]}, 'tendons.disc_count is 3, expected 0'),
-        ({'tendons.disc_count': -1}, 'tendons.disc_count is -1, expected 0 to'),
+        ({'tendons.disc_count': 10**9}, 'tendons.disc_count is 1000000000, expected a fin'),
+        ({'tendons.disc_count': -1}, 'tendons.disc_count is -1, expected a finite'),
         ({'tendons.disc_count': 10, 'tendons.disc_thickness': 0.05}, 'expected more than 0.05'),
         ({'tendons.disc_thickness': 0.01}, 'tendons.disc_thickness is 0.01, expected 0 without'),
         ({'tendons.disc_count': 9, 'tendons.disc_mass': 0.1}, 'expected 0 of discs without'),

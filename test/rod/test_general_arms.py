@@ -490,7 +490,6 @@ def test_a_file_says_all_of_it():
     ('changes', 'message'),
     [
         ({}, 'body.radius_base is missing, expected double'),
-        (ROUND | {'body.width': 1e-3, 'body.height': 1e-3}, 'body.radius_base does not go with'),
         ({'body.width': 1e-3}, 'body.height is 0.0, expected a finite number > 0'),
         (ROUND | {'rest_curvature': [1.0]}, 'rest_curvature has 1 values, expected 2, about n an'),
         (ROUND | {'stiffness.bending': [1.0] * 3}, 'stiffness.bending has 3 values, expected 2'),

@@ -361,12 +361,17 @@ def test_loops_and_arrays_move_alike():
     np.testing.assert_allclose(ends[0].place[1], ends[1].place[1], atol=1e-7)
 
 
+# A damaged file is closed as well.
+@pytest.mark.filterwarnings(
+    'error::ResourceWarning', 'error::pytest.PytestUnraisableExceptionWarning'
+)
 def test_files_that_are_no_states_are_refused(tmp_path):
     dynamics, state = _moving()
     path = tmp_path / 'state.npz'
-    path.write_bytes(b'none')
-    with pytest.raises(ConfigError, match='cannot be read as a state'):
-        dynamics.load(path)
+    for damaged in (b'none', b'PK\3\4 and no archive'):
+        path.write_bytes(damaged)
+        with pytest.raises(ConfigError, match='cannot be read as a state'):
+            dynamics.load(path)
     dynamics.save(dataclasses.replace(state, base=np.full(7, np.nan)), path)
     with pytest.raises(ConfigError, match='base is not finite'):
         dynamics.load(path)
