@@ -21,15 +21,15 @@ from octo_arm_model.bags.writer import TENSIONS, BagWriter, Message, SensorMessa
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import PROTOTYPE_ERRORS
 from octo_arm_model.config.parameter_files import parameters_as_yaml, preset_path
-from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.estimate import Estimate, contact_of
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of
 from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.stations import interpolated
 from octo_arm_model.simulation.moving_arm import Moment
-from octo_arm_model.wire.backbone import BACKBONE_TOPICS, BackboneWriter
-from octo_arm_model.wire.estimate import ESTIMATES, EstimateMessages
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS, TENSION_ESTIMATES, BackboneWriter
+from octo_arm_model.wire.estimate import ESTIMATES, EstimateWriter
 from octo_arm_model.wire.measurements import MARKERS, TIP_POSE
 from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
@@ -309,11 +309,19 @@ def estimate_output(
         ConfigError: by the function, if no stamp can hold the time.
     """
     frame = Config.from_parameters(parameters).base_frame
-    messages = {name: EstimateMessages(frame, model) for name, model in models.items()}
+    writers = {}
+    for name, model in models.items():
+        grid, names = model.solver.grid, model.arm.tendon_names
+        shapes = BackboneWriter(frame, model.solver.model, grid.s, grid.section, names)
+        writers[name] = model.arm, shapes, EstimateWriter(frame, model.arm, grid.s)
     writer.add_text(prefix + DESCRIPTION, parameters_as_yaml(parameters), start_ns)
 
     def write(hypothesis: str, estimate: Estimate, stamp_ns: int, received_ns: int) -> None:
-        written = messages[hypothesis].write(estimate, *Stamp.from_ns(stamp_ns))
+        stamp, (arm, shapes, others) = Stamp.from_ns(stamp_ns), writers[hypothesis]
+        answers = shapes.all(estimate.backbone, estimate.pose_covariance[-1], *stamp)
+        written = dict(zip(BACKBONE_TOPICS, answers))
+        written[TENSION_ESTIMATES] = shapes.tensions(estimate.tensions, *stamp)
+        written |= others.write(estimate, contact_of(estimate, arm), stamp)
         writer.write(
             (writer.add(prefix + topic, ESTIMATES[topic]), received_ns, data)
             for topic, data in written.items()

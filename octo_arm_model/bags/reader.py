@@ -1,6 +1,7 @@
 """The reader of bags: rosbag2 folders of any version, and single files of their storages."""
 
 import contextlib
+import copy
 import functools
 import tempfile
 from collections import Counter
@@ -251,6 +252,12 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
                 raise
             problem = ' '.join(str(error)[:_LONGEST].split()) or type(error).__name__
             raise BagError(f'{self.path}: not a bag, cut short or damaged: {problem}') from error
+
+    def offering(self, topics: dict[str, str]) -> 'BagReader':
+        """Return this open bag with its defaults chosen from ``topics``, some of its `topics`."""
+        view = copy.copy(self)
+        view.offered = topics
+        return view
 
     def connections(self, topics: Sequence[str] | None = None) -> list[Connection]:
         """Return the connections of ``topics``, or of all if None, with definitions and QoS.

@@ -34,7 +34,6 @@ class TopicReport:
         unsorted: number of messages with a stamp before that of the last one.
         skips: stamps [ns] of the first messages that were refused or failed, and the reasons.
         reasons: number of missing answers, or poses of the tip, by example of the reason.
-
     """
 
     model: str

@@ -99,7 +99,7 @@ def find_sensors(
         BagError: if a topic is missing, ambiguous or of another type, or nothing is measured.
     """
     named = (topic for topic in (tensions, *(others or {}).values()) if topic not in (None, NONE))
-    topics.offer_one_arm(reader, next(named, None))
+    reader = topics.of_one_arm(reader, next(named, None))
     by_name: dict[str, str] = {}
     options: dict[str, dict[str, Any]] = {}
     for name, row in MEASUREMENT_TOPICS.items():

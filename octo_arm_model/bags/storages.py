@@ -66,16 +66,10 @@ def check_file(path: Path) -> None:
     """
     if not path.exists():
         raise ValueError(f'{path.name} is not there')
-    mode = path.stat().st_mode
-    if not stat.S_ISREG(mode):
-        kinds = {
-            'a folder': stat.S_ISDIR,
-            'a pipe': stat.S_ISFIFO,
-            'a socket': stat.S_ISSOCK,
-            'a device': lambda mode: stat.S_ISCHR(mode) or stat.S_ISBLK(mode),
-        }
-        kind = next((name for name, holds in kinds.items() if holds(mode)), 'something else')
-        raise ValueError(f'{path.name} is {kind}, expected a file')
+    letter = stat.filemode(path.stat().st_mode)[0]
+    if letter != '-':
+        kind = {'d': 'folder', 'p': 'pipe', 's': 'socket'}.get(letter, 'device')
+        raise ValueError(f'{path.name} is a {kind}, expected a file')
 
 
 def check_size(size: int, label: str) -> None:

@@ -49,14 +49,15 @@ def namespace(topic: str, usual: Iterable[str]) -> str:
     return topic[: topic.rfind('/') + 1]
 
 
-def offer_one_arm(reader: BagReader, named: str | None) -> None:
-    """Restrict the topics for defaults to the arm of the topic ``named``, if that is not None.
+def of_one_arm(reader: BagReader, named: str | None) -> BagReader:
+    """Return ``reader`` with the defaults of the arm of the topic ``named``, if that is not None.
 
     An arm is a namespace with tensions or displacements.
     """
-    if named is not None:
-        topic = reader.full_name(named.partition(':')[0])
-        reader.offered = topics_of_arm(reader, namespace(topic, _MEASURED))
+    if named is None:
+        return reader
+    topic = reader.full_name(named.partition(':')[0])
+    return reader.offering(topics_of_arm(reader, namespace(topic, _MEASURED)))
 
 
 def topics_of_arm(reader: BagReader, prefix: str) -> dict[str, str]:
@@ -376,8 +377,8 @@ def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
         ConfigError: if there is no description, or it describes no valid arm.
         BagError: if the bag is damaged.
     """
-    of_arm = topics_of_arm(reader, prefix)
-    topics = [topic for topic in usual_topics(reader, DESCRIPTION, (STRING,)) if topic in of_arm]
+    of_arm = reader.offering(topics_of_arm(reader, prefix))
+    topics = usual_topics(of_arm, DESCRIPTION, (STRING,))
     if prefix + DESCRIPTION in topics:
         topics = [prefix + DESCRIPTION]
     if len(topics) != 1:

@@ -152,10 +152,18 @@ def _nodes_of(names: Mapping[str, Any], namespace: str) -> Iterator[tuple[str, d
         if 'ros__parameters' not in content:
             yield from _nodes_of(content, name)
             continue
-        parameters = content['ros__parameters']
+        others = dict(content)
+        parameters = others.pop('ros__parameters')
         if not isinstance(parameters, dict):
             raise ConfigError(f'ros__parameters is {shown(parameters)}, expected parameters')
         yield name, _flatten(parameters)
+        for key, other in others.items():
+            nodes = list(_nodes_of({key: other}, name))
+            if not nodes:
+                raise ConfigError(
+                    f'{shown(key)} is beside ros__parameters, expected it below them'
+                )
+            yield from nodes
 
 
 def _is_ours(name: str) -> bool:

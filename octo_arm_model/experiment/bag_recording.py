@@ -18,7 +18,7 @@ from octo_arm_model.bags.topics import (
     Source,
     describe,
     namespace,
-    offer_one_arm,
+    of_one_arm,
     pick_displacements,
     pick_tensions,
     pick_topic,
@@ -199,9 +199,9 @@ class BagRecording:
         Raises:
             BagError: if there are neither tensions nor displacements, or a topic is missing.
         """
-        self.reader, self.count, self.notes = reader, count, notes_on(reader)
+        self.reader = reader = of_one_arm(reader, tensions or displacements)
+        self.count, self.notes = count, notes_on(reader)
         self.cells: Source | None = None
-        offer_one_arm(reader, tensions or displacements)
         has_file = files.displacements is not None
         self.encoders = None if has_file else pick_displacements(reader, displacements)
         if files.tensions is None:

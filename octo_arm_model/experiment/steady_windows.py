@@ -28,7 +28,6 @@ MAD = 1.4826
 # least _TURNED of these changes reverse, and noise is below _LARGEST of the highest reading.
 _MOVED, _TURNED, _LARGEST = 0.05, 0.5, 0.05
 _ROUNDING = 1e-12  # over the largest reading
-_FIRST_BLOCK = 64
 _RAMP_PART = 0.05  # default width of the windows of a ramp, over the highest tension
 MOST_WINDOWS = 1000  # windows of a ramp, and poses of a table
 _APART = 0.49  # largest reach of the window of a pose, over the time to the next pose
@@ -250,18 +249,10 @@ def _end_of_band(
 ) -> int:
     """Return the first sample after ``first`` that is not within a band with those between."""
     low = high = tensions[first]
-    done, block = first + 1, _FIRST_BLOCK
-    while done < len(time):
-        part = tensions[done : done + block]
-        lows = np.minimum(np.minimum.accumulate(part), low)
-        highs = np.maximum(np.maximum.accumulate(part), high)
-        leaves = (highs - lows > band).any(axis=1)
-        leaves |= np.diff(time[done - 1 : done + len(part)]) > gap
-        if leaves.any():
-            return done + int(leaves.argmax())
-        low, high = lows[-1], highs[-1]
-        done += len(part)
-        block *= 2
+    for number in range(first + 1, len(time)):
+        low, high = np.minimum(low, tensions[number]), np.maximum(high, tensions[number])
+        if time[number] - time[number - 1] > gap or (high - low > band).any():
+            return number
     return len(time)
 
 

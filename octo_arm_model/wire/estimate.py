@@ -8,14 +8,8 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.estimate import NO_CONTACT, Contact, Estimate, contact_of
-from octo_arm_model.estimation.model import ArmModel
-from octo_arm_model.wire.backbone import (
-    BACKBONE_TOPICS,
-    TENSION_ESTIMATES,
-    BackboneWriter,
-    tendon_tensions,
-)
+from octo_arm_model.estimation.estimate import NO_CONTACT, Contact, Estimate
+from octo_arm_model.wire.backbone import BACKBONE_TOPICS, TENSION_ESTIMATES, tendon_tensions
 from octo_arm_model.wire.cdr import Layout, Template, text_field
 
 COVARIANCE = 'backbone/covariance'
@@ -116,28 +110,3 @@ class EstimateWriter:
         if estimate.tension_bias.size and BIAS not in without:
             messages[BIAS] = self._bias.write(*stamp, estimate.tension_bias)
         return messages
-
-
-class EstimateMessages:
-    """All messages of the estimates of one model of an arm."""
-
-    def __init__(self, frame_id: str, model: ArmModel) -> None:
-        """Lay out the messages of ``model`` in the frame ``frame_id``.
-
-        Raises:
-            ConfigError: if UTF-8 cannot hold a name.
-        """
-        grid, names = model.solver.grid, model.arm.tendon_names
-        self._arm = model.arm
-        self._shape = BackboneWriter(frame_id, model.solver.model, grid.s, grid.section, names)
-        self._besides = EstimateWriter(frame_id, model.arm, grid.s)
-
-    def write(self, estimate: Estimate, sec: int, nanosec: int) -> dict[str, bytes]:
-        """Return the messages by topic of `ESTIMATES`; raise ConfigError if no stamp holds it."""
-        stamp = sec, nanosec
-        shape = self._shape.all(estimate.backbone, estimate.pose_covariance[-1], *stamp)
-        return {
-            **dict(zip(BACKBONE_TOPICS, shape)),
-            TENSION_ESTIMATES: self._shape.tensions(estimate.tensions, *stamp),
-            **self._besides.write(estimate, contact_of(estimate, self._arm), stamp),
-        }

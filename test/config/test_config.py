@@ -243,6 +243,8 @@ def _length(text: str) -> str:
             'a:\n  ros__parameters: {}\nb/c:\n  ros__parameters: {}\n',
             ": ros__parameters found below ['/a', '/b/c'], expected exactly one, best",
         ),
+        # Not far enough to the right.
+        (GOOD + '  loads: {gravity: [0, 0, -9.81]}\n', ": 'loads' is beside ros__parameters, exp"),
         ('/**:\n  a: [1\n', ', line 3: not valid YAML, '),
         ('/**:\n\tros__parameters: 1\n', ", line 2: not valid YAML, found character '\\t'"),
         (GOOD + '---\n' + GOOD, 'not valid YAML, but found another document'),

@@ -79,7 +79,8 @@ def test_youngs_modulus_is_found_by_every_model_in_its_own_data(model, only_tips
 def test_a_modulus_that_varies_along_the_arm_is_scaled_as_a_whole():
     s, young = 'material.table_s', 'material.table_youngs_modulus'
     true = {'material__table_s': [0.0, 0.27], 'material__table_youngs_modulus': [1.1e5, 1.54e5]}
-    start = {**PARAMETERS, s: [0.0, 0.27], young: [1e5, 1.4e5]}
+    true['material__youngs_modulus'] = 0.0
+    start = {**PARAMETERS, 'material.youngs_modulus': 0.0, s: [0.0, 0.27], young: [1e5, 1.4e5]}
     found = fitted(measured(parameters=true), model='closed_form', start=start)
     assert found.parameters[young] == pytest.approx([1.1e5, 1.54e5], rel=1e-3)
 

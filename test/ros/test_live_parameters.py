@@ -2,6 +2,7 @@
 
 import itertools
 
+import numpy as np
 import pytest
 import yaml
 from lifecycle_msgs.msg import Transition
@@ -120,12 +121,20 @@ def test_integers_are_taken_where_numbers_are_wanted(client):
 
 def test_a_description_that_nobody_could_read_is_refused(client):
     small, long = 1.0000000000000002e-20, -1.0000000000000002e-100
+    length = client.dump()['body.length']
+    s = np.linspace(0.0, length, 1000).tolist()
     done, why = client.change(
-        tendons__table_offset=[long] * 20_000,
+        sections__anchorage=[length],
+        sections__tendons=[20],
+        sections__offset_base=[],
+        sections__offset_anchorage=[],
+        tendons__table_s=s,
+        tendons__table_offset=[small] * 20_000,
         tendons__table_angle=[long] * 20_000,
+        material__youngs_modulus=0.0,
+        material__table_s=s,
         material__table_youngs_modulus=[small] * 1000,
         material__table_poisson_ratio=[small] * 1000,
-        body__table_radius=[small] * 1000,
     )
     assert not done and 'bytes, expected at most 1048576' in why
 
