@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from octo_arm_model.arm.errors import ConfigError, OctoArmError, shown
+from octo_arm_model.arm.errors import ConfigError, OctoArmError, printable, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.arm.validation import check_class
 from octo_arm_model.config.files import dump_numbers, dump_yaml, load_yaml, read_text, reading
@@ -144,26 +144,24 @@ def nodes_of(text: str) -> Nodes:
     return list(_nodes_of(document, ''))
 
 
-def _nodes_of(names: Mapping[str, Any], namespace: str) -> Iterator[tuple[str, dict[str, Any]]]:
+def _nodes_of(
+    names: Mapping[str, Any], namespace: str, beside: bool = False
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the nodes in ``names``; what is ``beside`` the parameters of a node must be nodes."""
     for key, content in names.items():
         name = f'{namespace}/{key}'.replace('//', '/')
         if not isinstance(content, dict):
-            continue
-        if 'ros__parameters' not in content:
-            yield from _nodes_of(content, name)
+            if beside:
+                where = f'{printable(name)} is {shown(content)}'
+                raise ConfigError(f'{where} beside ros__parameters, expected it below them')
             continue
         others = dict(content)
-        parameters = others.pop('ros__parameters')
-        if not isinstance(parameters, dict):
-            raise ConfigError(f'ros__parameters is {shown(parameters)}, expected parameters')
-        yield name, _flatten(parameters)
-        for key, other in others.items():
-            nodes = list(_nodes_of({key: other}, name))
-            if not nodes:
-                raise ConfigError(
-                    f'{shown(key)} is beside ros__parameters, expected it below them'
-                )
-            yield from nodes
+        if is_node := 'ros__parameters' in others:
+            parameters = others.pop('ros__parameters')
+            if not isinstance(parameters, dict):
+                raise ConfigError(f'ros__parameters is {shown(parameters)}, expected parameters')
+            yield name, _flatten(parameters)
+        yield from _nodes_of(others, name, beside or is_node)
 
 
 def _is_ours(name: str) -> bool:

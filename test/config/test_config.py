@@ -244,7 +244,7 @@ def _length(text: str) -> str:
             ": ros__parameters found below ['/a', '/b/c'], expected exactly one, best",
         ),
         # Not far enough to the right.
-        (GOOD + '  loads: {gravity: [0, 0, -9.81]}\n', ": 'loads' is beside ros__parameters, exp"),
+        (GOOD + '  loads: {gravity: [0, 1, 2]}\n', ': /**/loads/gravity is [0, 1, 2] beside ros'),
         ('/**:\n  a: [1\n', ', line 3: not valid YAML, '),
         ('/**:\n\tros__parameters: 1\n', ", line 2: not valid YAML, found character '\\t'"),
         (GOOD + '---\n' + GOOD, 'not valid YAML, but found another document'),
