@@ -1,25 +1,57 @@
 """The replay of a bag of tensions or displacements: the node's answers, and a report."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 from rosbags.interfaces import Connection
 
-from octo_arm_model.arm.errors import BagError, SolveError
-from octo_arm_model.bags.answers import Answer, Answers
+from octo_arm_model.analysis.driven_arm import Answer as DrivenShape
+from octo_arm_model.analysis.driven_arm import DrivenArm
+from octo_arm_model.arm.errors import BagError, ConfigError, OctoArmError, SolveError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader, Record
-from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION, RecordedArm
+from octo_arm_model.bags.topics import ANSWERS, DESCRIPTION, Reading, RecordedArm
 from octo_arm_model.bags.writer import BagWriter, Message
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, station_rows, tension_columns
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.simulation.moving_arm import LONGEST_GAP, DrivenMotion
+from octo_arm_model.wire.backbone import (
+    TENDON_LENGTHS,
+    TENSION_ESTIMATES,
+    TIP_POSE,
+    BackboneWriter,
+)
 from octo_arm_model.wire.messages import Refusals
 
 _LISTED = 100  # messages left out that are listed for each topic; all are counted
+
+
+_KNOWN = np.zeros((6, 6))  # covariance of the tip of an arm without uncertainty
+
+
+class Answer(NamedTuple):
+    """The answer to one message of tensions or displacements.
+
+    Attributes:
+        messages: bytes of the message on each of the topics, in order; `TENSION_ESTIMATES`, the
+            last, only if tendons are driven by length. None replaces a message that cannot be
+            written. It is empty if there is no trustworthy answer.
+        reason: reason why one or all messages are missing, or ''.
+        is_failure: whether the model had no answer, as opposed to a message that was refused.
+        backbone: the shape; None if there is no trustworthy answer.
+    """
+
+    messages: Sequence[bytes | None]
+    reason: str = ''
+    is_failure: bool = False
+    backbone: Backbone | None = None
 
 
 @dataclass
@@ -133,8 +165,6 @@ class CsvAnswers(CsvFiles):
 
 
 _WRENCH = 'tip_wrench'
-_BATCH = 128  # most messages of tensions in a batch
-_LARGEST = 8 * 2**20  # bytes of messages at which a batch ends
 
 
 def replay(  # noqa: PLR0913 - options by keyword
@@ -165,7 +195,7 @@ def replay(  # noqa: PLR0913 - options by keyword
         ConfigError: if a model does not cover the arm or its loads.
         SolveError: if the model has an answer to none of the messages.
     """
-    outputs = [_Output(reader, writer, arm, lengths, step) for arm in arms]
+    outputs = [_Answers(reader, writer, arm, lengths, step) for arm in arms]
     of_topic = {topic: output for output in outputs for topic in output.topics}
     report = Report({topic: TopicReport(str(output.model)) for topic, output in of_topic.items()})
     for arm in arms:
@@ -174,44 +204,33 @@ def replay(  # noqa: PLR0913 - options by keyword
     written = {topic for output in outputs for topic in output.written}
     copies, report.not_copied = open_copies(reader, writer, written) if copy else ({}, {})
     topics = sorted({*of_topic, *(topic for topic, _ in copies)})
-    done, total = 0, reader.count(topics)
-    progress(done, total)
-    for records in _batches(reader.messages(topics), of_topic):
-        answers: dict[int, Answer] = {}
-        for output in outputs:
-            answers.update(output.answer(records, report, table))
+    total = reader.count(topics)
+    progress(0, total)
+    for done, record in enumerate(reader.messages(topics), start=1):
         messages: list[Message] = []
-        for number, record in enumerate(records):
-            received = record.received_ns
-            if copied := copies.get((record.topic, record.type_name)):
-                messages.append((copied, received, record.data))
-                report.copied += 1
-            if number in answers:
-                answered = zip(of_topic[record.topic].connections, answers[number].messages)
-                messages += [
-                    (topic, received, data) for topic, data in answered if data is not None
-                ]
+        if copied := copies.get((record.topic, record.type_name)):
+            messages.append((copied, record.received_ns, record.data))
+            report.copied += 1
+        if output := of_topic.get(record.topic):
+            messages += output.answer(record, report, table)
         writer.write(messages)
-        done += len(records)
         progress(done, total)
     for summary in report.topics.values():
         summary.reasons = summary.refusals.of('')
         report.notes += [hint for hint in summary.refusals.hints if hint not in report.notes]
     _check_answered(reader.path, report)
-    report.notes += [note for output in outputs for note in output.answers.notes()]
+    report.notes += [note for output in outputs for note in output.notes()]
     report.notes += reader.notes
     return report
 
 
-class _Output:
-    """Writes the answers of one arm into a bag.
+class _Answers:
+    """Answers the messages that drive one arm, in order, as the node does but for rounding.
 
     Attributes:
         topics: topics of its tensions and displacements.
         written: topics that are written for it.
         model: name of the model.
-        connections: connections of the answers.
-        answers: the source of the answers.
     """
 
     def __init__(
@@ -222,39 +241,82 @@ class _Output:
         lengths: bool,
         step: float | None,
     ) -> None:
-        config = Config.from_parameters(arm.parameters)
+        self._config = config = Config.from_parameters(arm.parameters)
         self.topics = [source.topic for source in arm.sources]
         self.model = config.model if step is None else MOVING
         self._tendons = config.arm.tendon_names
         self._inputs = {one.topic: partial(one.read, reader, config) for one in arm.sources}
         self._newest: dict[str, int] = {}
+        self._motion = None if step is None else DrivenMotion(config.dynamics(), step)
+        self._solver = config.solver() if self._motion is None else self._motion.dynamics.solver
+        self._winding, grid = DrivenArm(), self._solver.grid
+        self._writer = BackboneWriter(
+            config.base_frame, self._solver.model, grid.s, grid.section, self._tendons
+        )
         is_driven = any(source.is_displacements for source in arm.sources)
-        self.answers = Answers(config, lengths, is_driven, step)
+        is_used = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: is_driven}
+        self._answers = [topic for topic in ANSWERS if is_used.get(topic, True)]
         description = arm.prefix + DESCRIPTION
         writer.add_text(description, parameters_as_yaml(arm.parameters), reader.start_ns)
-        self.connections = [
-            writer.add(arm.prefix + topic, ANSWERS[topic]) for topic in self.answers.topics
+        self._connections = [
+            writer.add(arm.prefix + topic, ANSWERS[topic]) for topic in self._answers
         ]
-        self.written = [description, *(connection.topic for connection in self.connections)]
+        self.written = [description, *(connection.topic for connection in self._connections)]
 
-    def answer(
-        self, records: Sequence[Record], report: Report, table: CsvAnswers | None
-    ) -> dict[int, Answer]:
-        """Return the answers to the ``records`` of this arm, by their indices."""
-        readings = {
-            place: self._inputs[record.topic](record)
-            for place, record in enumerate(records)
-            if record.topic in self._inputs
-        }
-        answers = self.answers.answer(list(readings.values()))
-        for place, answer in zip(readings, answers):
-            topic, stamp = records[place].topic, readings[place].stamp_ns
-            report.topics[topic].count(stamp, answer)
-            if table is not None and answer.backbone is not None:
-                table.write(topic, stamp, answer.backbone, self._tendons)
-            report.topics[topic].unsorted += stamp < self._newest.get(topic, stamp)
-            self._newest[topic] = stamp
-        return dict(zip(readings, answers))
+    def answer(self, record: Record, report: Report, table: CsvAnswers | None) -> list[Message]:
+        """Return the messages that answer a ``record`` of this arm."""
+        topic, reading = record.topic, self._inputs[record.topic](record)
+        answer = Answer((), reading.reason) if reading.is_refused else self._answer(reading)
+        stamp, counts = reading.stamp_ns, report.topics[topic]
+        counts.count(stamp, answer)
+        if table is not None and answer.backbone is not None:
+            table.write(topic, stamp, answer.backbone, self._tendons)
+        counts.unsorted += stamp < self._newest.get(topic, stamp)
+        self._newest[topic] = stamp
+        answered = zip(self._connections, answer.messages)
+        return [(one, record.received_ns, data) for one, data in answered if data is not None]
+
+    def _answer(self, reading: Reading) -> Answer:
+        arguments = reading.stamp_ns, reading.tensions, reading.displacements
+        has_lengths, motion = TENDON_LENGTHS in self._answers, self._motion
+        lengths: FloatArray | None = None
+        try:
+            if motion is None:
+                answer = self._winding.answer(self._solver, self._config, None, *arguments)
+                lengths = self._solver.tendon_lengths(answer.backbone) if has_lengths else None
+                are_wound = bool(self._winding.displacements)
+            else:
+                motion.read(*arguments)
+                state, are_wound = motion.state, motion.is_wound
+                answer = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
+                if self._config.uncertainty.is_any:
+                    unknown = ConfigError('the covariance of an arm that moves is not known')
+                    answer = answer._replace(covariance=None, unknown=unknown)
+                lengths = motion.dynamics.tendon_lengths(state) if has_lengths else None
+        except OctoArmError as error:
+            # Displacements may be of tendons that the arm does not have.
+            return Answer((), str(error), is_failure=isinstance(error, SolveError))
+        backbone, covariance, unknown_reason = answer
+        writer, stamp = self._writer, reading.stamp
+        tip_covariance = _KNOWN if covariance is None else covariance
+        messages: list[bytes | None] = [*writer.all(backbone, tip_covariance, *stamp)]
+        if covariance is None:
+            messages[self._answers.index(TIP_POSE)] = None
+        if lengths is not None:
+            messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
+        if are_wound:
+            messages.append(writer.tensions(backbone.tensions, *stamp))
+        reason = '' if unknown_reason is None else f'{TIP_POSE} unknown: {unknown_reason}'
+        return Answer(messages, reason, backbone=backbone)
+
+    def notes(self) -> list[str]:
+        """Return remarks on the answers for the report."""
+        if self._motion is None or self._motion.starts < 2:
+            return []
+        return [
+            f'the arm began to move from rest {self._motion.starts} times, as stamps went back or '
+            f'were more than {LONGEST_GAP:g} s apart'
+        ]
 
 
 def open_copies(
@@ -277,18 +339,3 @@ def open_copies(
             else:
                 copies[key] = copy
     return copies, left_out
-
-
-def _batches(records: Iterator[Record], topics: Mapping[str, object]) -> Iterator[list[Record]]:
-    """Iterate over batches of messages that hold some of ``topics`` and fit into memory."""
-    batch: list[Record] = []
-    count = size = 0
-    for record in records:
-        batch.append(record)
-        count += record.topic in topics
-        size += len(record.data)
-        if count >= _BATCH or size >= _LARGEST:
-            yield batch
-            batch, count, size = [], 0, 0
-    if batch:
-        yield batch

@@ -69,8 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     arguments.add_values(parser, '--displacements', 'TOPIC[:FIELD]', text)
     arguments.add_tendons(parser)
     add_columns(parser)
-    text = 'write tendon_lengths too; several times slower, as sets are solved one by one'
-    arguments.add_flag(parser, '--lengths', text)
+    arguments.add_flag(parser, '--lengths', 'write tendon_lengths too')
     arguments.add_flag(parser, '--no-copy', 'write only the answers, without the content of IN')
     text = 'folder for stations.csv, and for tensions.csv, which `octo-arm play` reads'
     arguments.add_path(parser, '--csv', 'DIR', text)
