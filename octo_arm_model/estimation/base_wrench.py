@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import weakref
-from typing import NamedTuple
+import functools
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -32,58 +31,42 @@ class BaseWrench(Measurement):
     def innovation(self, prediction: Prediction) -> FloatArray:
         """Return the measured less the predicted wrench, (6,) [N, N m]."""
         self.check_size(6, 'force and moment')
-        sums = _sums(prediction.model)
+        at_stations, free_moment = _unit_forces(prediction.model)
         magnitudes = np.append(prediction.x, 1.0)
-        lever = prediction.solved.position - prediction.solved.position[0]
-        moment = np.cross(lever, sums.at_stations @ magnitudes).sum(axis=0)
-        predicted = np.concatenate([sums.force @ magnitudes, moment + sums.moment @ magnitudes])
-        return self.value - predicted
+        forces = at_stations @ magnitudes
+        moment = np.cross(_lever(prediction), forces).sum(axis=0) + free_moment @ magnitudes
+        return self.value - np.concatenate([forces.sum(axis=0), moment])
 
     def jacobian(self, prediction: Prediction) -> FloatArray:
         """Return the derivatives of the predicted wrench by the state, (6, state)."""
-        sums = _sums(prediction.model)
-        lever = prediction.solved.position - prediction.solved.position[0]
-        forces = sums.at_stations @ np.append(prediction.x, 1.0)
-        moment = sums.moment[:, :-1] + np.cross(
-            lever[:, :, np.newaxis], sums.at_stations[..., :-1], axis=1
-        ).sum(axis=0)
-        by_state = prediction.change.pose[:, :3]
-        moment += np.cross(by_state, forces[:, :, np.newaxis], axis=1).sum(axis=0)
-        return np.concatenate([sums.force[:, :-1], moment])
+        at_stations, free_moment = _unit_forces(prediction.model)
+        forces, by_magnitude = at_stations @ np.append(prediction.x, 1.0), at_stations[..., :-1]
+        moment = np.cross(_lever(prediction)[..., np.newaxis], by_magnitude, axis=1)
+        moment += np.cross(prediction.change.pose[:, :3], forces[..., np.newaxis], axis=1)
+        return np.concatenate([by_magnitude.sum(axis=0), moment.sum(axis=0) + free_moment[:, :-1]])
 
 
-class _Sums(NamedTuple):
-    """The resultants of unit loads; the last column is that of the known loads.
+def _lever(prediction: Prediction) -> FloatArray:
+    return prediction.solved.position - prediction.solved.position[0]
 
-    Attributes:
-        force: resultant force, (3, state + 1).
-        moment: sum of the free moments, (3, state + 1).
-        at_stations: forces at stations with the moment of the loads for every shape that is a
-            cubic spline through the stations, (stations, 3, state + 1).
+
+@functools.lru_cache(maxsize=8)
+def _unit_forces(model: ArmModel) -> tuple[FloatArray, FloatArray]:
+    """Return `forces_at_stations` of unit loads (stations, 3, state + 1), and their free moments.
+
+    The last column is that of the known loads; the moments are (3, state + 1).
     """
-
-    force: FloatArray
-    moment: FloatArray
-    at_stations: FloatArray
-
-
-_CACHE: weakref.WeakKeyDictionary[ArmModel, _Sums] = weakref.WeakKeyDictionary()
-
-
-def _sums(model: ArmModel) -> _Sums:
-    if model not in _CACHE:
-        grid, state = model.solver.grid, model.state
-        moment = np.zeros((3, state.size + 1))
-        at_stations = np.zeros((grid.s.size, 3, state.size + 1))
-        columns = range(state.size)[state.unit_loads]
-        for column, loads in (*zip(columns, model.unit_loads), (state.size, model.loads)):
-            at_stations[..., column] = forces_at_stations(model.arm, grid, loads)
-            moments = [loads.tip_moment, *(point.moment for point in loads.points)]
-            moment[:, column] = np.sum(moments, axis=0)
-        np.fill_diagonal(at_stations[-1, :, state.tip_force], 1.0)
-        np.fill_diagonal(moment[:, state.tip_moment], 1.0)
-        _CACHE[model] = _Sums(at_stations.sum(axis=0), moment, at_stations)
-    return _CACHE[model]
+    grid, state = model.solver.grid, model.state
+    moment = np.zeros((3, state.size + 1))
+    at_stations = np.zeros((grid.s.size, 3, state.size + 1))
+    columns = range(state.size)[state.unit_loads]
+    for column, loads in (*zip(columns, model.unit_loads), (state.size, model.loads)):
+        at_stations[..., column] = forces_at_stations(model.arm, grid, loads)
+        moments = [loads.tip_moment, *(point.moment for point in loads.points)]
+        moment[:, column] = np.sum(moments, axis=0)
+    at_stations[-1, :, :-1] += state.tip_wrench[:3]
+    moment[:, :-1] += state.tip_wrench[3:]
+    return at_stations, moment
 
 
 def require_covered(loads: Loads) -> None:
@@ -95,6 +78,8 @@ def require_covered(loads: Loads) -> None:
 
 def forces_at_stations(arm: Arm, grid: StationGrid, loads: Loads) -> FloatArray:
     """Return forces at the stations (stations, 3) [N] with the moment of those of ``loads``.
+
+    It is the same for every shape that is a cubic spline through the stations.
 
     Raises:
         MeasurementError: if there are loads in ``loads.others``, or obstacles.

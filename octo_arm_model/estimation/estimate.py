@@ -153,9 +153,7 @@ class Estimate:
     @property
     def tip_wrench_covariance(self) -> FloatArray:
         """Covariance of `tip_wrench`, (6, 6); zero for components that are not estimated."""
-        by_state = np.zeros((6, self.state.size))
-        for row, components in ((0, self.state.tip_force), (3, self.state.tip_moment)):
-            np.fill_diagonal(by_state[row : row + 3, components], 1.0)
+        by_state = self.state.tip_wrench
         return np.asarray(by_state @ self.covariance @ by_state.T)
 
     @property

@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,6 @@ BUDGET = Budget(iterations=30, residual=1e-8)
 # A step of a recording may take longer, as nobody waits for it.
 PATIENT = Budget(iterations=90, residual=1e-8)
 
-_FORCE, _MOMENT = slice(0, 3), slice(3, 6)  # parts of a wrench
 _MOST = math.log(LARGEST)  # largest logarithm of a ratio of stiffnesses
 _ONE = np.ones(1)
 
@@ -126,11 +126,7 @@ class ArmModel:
 
     def tip_wrench(self, x: FloatArray) -> FloatArray:
         """Return force and moment on the tip in ``x``, known ones included, (6,) [N, N m]."""
-        wrench = self._known_tip_wrench.copy()
-        for row, components in ((0, self.state.tip_force), (3, self.state.tip_moment)):
-            force = x[components]
-            wrench[row : row + force.size] += force
-        return wrench
+        return np.asarray(self._known_tip_wrench + self.state.tip_wrench @ x)
 
     def stiffness(self, x: FloatArray) -> float:
         """Return E in ``x`` over that of the arm as described.
@@ -165,23 +161,20 @@ class ArmModel:
             OctoArmError: if the equilibrium has no sensitivities.
         """
         ratio, state = self._set_magnitudes(x), self.state
-        by = self.solver.sensitivity(backbone)
+        by, components = self.solver.sensitivity(backbone), np.eye(state.size)
         scale = self._transmission(x) / ratio
-        every = slice(None)
-        parts: list[_Part] = [
-            (state.tension, by.by_tension, every, scale),
-            (state.log_modulus, by.by_youngs_modulus, every, 1.0),
-            (state.tension_loss, by.by_tension, every, -scale * x[state.tension]),
-        ]
-        by_tip_force = None
+        by_state = (scale * components[state.tension].T).T
+        np.fill_diagonal(by_state[:, state.tension_loss], -scale * x[state.tension])
+        parts, by_tip_force = [(by.by_tension, by_state)], None
+        if state.unknowns.log_modulus is not None:
+            parts.append((by.by_youngs_modulus, components[state.log_modulus]))
         if by.by_tip_wrench is not None:
-            by_tip_force = by.by_tip_wrench.pose[:, :, _FORCE]
-            parts.append((state.tip_force, by.by_tip_wrench, _FORCE, 1.0 / ratio))
-            parts.append((state.tip_moment, by.by_tip_wrench, _MOMENT, 1.0 / ratio))
+            by_tip_force = by.by_tip_wrench.pose[:, :, :3]
+            parts.append((by.by_tip_wrench, state.tip_wrench / ratio))
         if self.unit_loads:
             by_loads = self.solver.sensitivity_to_loads(backbone, self.unit_loads)
-            parts.append((state.unit_loads, by_loads, every, 1.0 / ratio))
-        return StateChange(state.size, parts, by_tip_force)
+            parts.append((by_loads, components[state.unit_loads] / ratio))
+        return StateChange.of(parts, by_tip_force)
 
     def _transmission(self, x: FloatArray) -> FloatArray:
         """Return the ratios of tensions along the arm to those at the base; one 1 without loss."""
@@ -295,12 +288,8 @@ class Prediction:
         return self.model.solver.tendon_lengths(self.solved).ravel()
 
 
-# Components of a state; the change of the shape by the quantity that they set; its columns; and
-# the derivative of this quantity by each component, one for all or one for each.
-_Part = tuple[slice, Change, slice, FloatArray | float]
-
-
-class StateChange:
+@dataclass(frozen=True)
+class StateChange(Change):
     """The derivatives of the shape by a state, whose components are the last axis.
 
     Attributes:
@@ -308,45 +297,27 @@ class StateChange:
             (stations, 6, 3); None if the model has no loads.
     """
 
-    def __init__(
-        self, size: int, parts: Sequence[_Part], by_tip_force: FloatArray | None = None
-    ) -> None:
-        """Store ``parts`` of ``size`` components; the shape does not depend on the others."""
-        self._size, self._parts, self.by_tip_force = size, parts, by_tip_force
+    by_tip_force: FloatArray | None = None
 
-    @functools.cached_property
-    def pose(self) -> FloatArray:
-        """Derivatives of position [m] and rotation [rad] in base_frame, (stations, 6, state)."""
-        return self._by_state([change.pose for _, change, *_ in self._parts])
+    @classmethod
+    def of(
+        cls, parts: Sequence[tuple[Change, FloatArray]], by_tip_force: FloatArray | None
+    ) -> StateChange:
+        """Return the sum of ``parts``: changes by quantities, and those (q, n) by the state."""
+        by_state = np.concatenate([matrix for _, matrix in parts])
 
-    @functools.cached_property
-    def twist(self) -> FloatArray | None:
-        """Derivatives of the twists at the solver's nodes, (nodes, strains, state), if known."""
-        twists = [change.twist for _, change, *_ in self._parts]
+        def total(changes: Iterable[FloatArray]) -> FloatArray:
+            return np.asarray(np.concatenate(tuple(changes), axis=-1) @ by_state)
+
+        twists = [change.twist for change, _ in parts]
         known_twists = [twist for twist in twists if twist is not None]
-        return self._by_state(known_twists) if len(known_twists) == len(twists) else None
-
-    @property
-    def tip(self) -> FloatArray:
-        """Derivatives of the pose of the tip, (6, state)."""
-        return self.pose[-1]
-
-    @functools.cached_property
-    def strain(self) -> FloatArray:
-        """Derivatives of tau, xi, k [1/m] and q [-], (stations, 4, state)."""
-        return self._by_state([change.strain for _, change, *_ in self._parts])
-
-    @functools.cached_property
-    def tendon_length(self) -> FloatArray:
-        """Derivatives of the length of every tendon [m], (tendons, state)."""
-        return self._by_state([change.tendon_length for _, change, *_ in self._parts])
-
-    def _by_state(self, changes: Sequence[FloatArray]) -> FloatArray:
-        derivatives = np.zeros((*changes[0].shape[:-1], self._size))
-        for (components, _, columns, scale), change in zip(self._parts, changes, strict=True):
-            if components.stop > components.start:
-                np.multiply(change[..., columns], scale, out=derivatives[..., components])
-        return derivatives
+        return cls(
+            total(change.pose for change, _ in parts),
+            total(change.strain for change, _ in parts),
+            total(change.tendon_length for change, _ in parts),
+            twist=total(known_twists) if len(known_twists) == len(twists) else None,
+            by_tip_force=by_tip_force,
+        )
 
 
 def _directional(change: FloatArray, step: FloatArray) -> FloatArray:

@@ -124,6 +124,7 @@ class State:
         tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus,
         tension_loss: slice of the vector with this quantity; empty if it is not estimated.
         unit_loads: slice of the vector with the magnitudes of `unit_loads`.
+        tip_wrench: derivatives of the wrench on the tip by the state, (6, n).
         is_geometric: whether `TipCurvature` leaves out no quantity but the stiffness of sections.
     """
 
@@ -159,6 +160,9 @@ class State:
         self.log_modulus = self._add('log_modulus', unknowns.log_modulus, ('E',))
         self.tension_loss = self._add('tension_loss', unknowns.tension_loss, arm.tendon_names)
         self.size = len(self.names)
+        self.tip_wrench = np.zeros((6, self.size))
+        np.fill_diagonal(self.tip_wrench[:3, self.tip_force], 1.0)
+        np.fill_diagonal(self.tip_wrench[3:, self.tip_moment], 1.0)
         self.shapes = np.ones(self.size, dtype=bool)
         self.shapes[self.tension_bias] = False
         self.is_geometric = not (
