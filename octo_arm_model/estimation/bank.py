@@ -48,10 +48,9 @@ _MOST = 16.0  # largest contradiction of a hypothesis [nat]; it decays in three 
 CONTRADICTED = 8.0  # contradiction from which a hypothesis restarts from the leader's state
 _HYSTERESIS = 1.0  # by which another hypothesis has to be more probable than the leader [nat]
 _SHARE_EVALUATIONS = 4  # largest number of evaluations for one hypothesis among several
-_FAR = 0.02  # displacement of a station from which others are linearised anew, over the length
+_FAR = 0.02  # displacement of the tip from which an open hypothesis is searched, over the length
 _START_FRACTIONS = 0.1, 0.3, 0.7  # unknown tensions to search from, over the prior's deviation
 _SEARCH_EVALUATIONS = 5  # evaluations that have to be left for a search from there
-_BETTER = 0.01  # cost of a normalised square in the comparison of linearisations [nat]
 _UNCONVERGED = 2.0  # factor on the gate for the square of a search that did not converge
 _PROGRESS = 0.25  # largest ratio of squares after to before a search that is progress
 _RESOLUTION = 1e-14  # least ratio of the deviation of a measurement to the predicted one
@@ -130,12 +129,6 @@ class BankUpdate(NamedTuple):
     expected: FloatArray
     square: FloatArray
 
-    def improve(self, others: BankUpdate) -> None:
-        """Take ``others``, linearised about another shape, for hypotheses that they fit better."""
-        # If the costs are equal, the smaller normalised square decides.
-        better = others.cost + _BETTER * others.square < self.cost + _BETTER * self.square
-        self.put(np.flatnonzero(better), others.of(np.flatnonzero(better)))
-
     def of(self, numbers: IntArray | list[int]) -> BankUpdate:
         """Return the update of the hypotheses ``numbers`` alone, in this order."""
         return BankUpdate._make(values[numbers] for values in self)
@@ -189,83 +182,51 @@ class BankFilter:
         Raises:
             SolveError: if there is no trustworthy shape.
         """
-        exact: dict[int, tuple[Fit, BankUpdate]] = {}
-        nearby, prior_cost = prediction, self._improbability(bank)
-        prior_cost[bank.leader] -= _HYSTERESIS
+        total = bank.contradiction + self._improbability(bank)
+        total[bank.leader] -= _HYSTERESIS
+        # If the leader is contradicted and others are open, most work is left for them.
+        is_lost = bool(bank.contradiction[bank.leader] >= CONTRADICTED and bank.is_open.any())
         # The leader's shape is solved first, and no sensor is doubted before: a linear guess far
         # from the expected shape, as after a sudden touch, is too inaccurate for that.
-        best, update = bank.leader, None
-        # If the leader is contradicted and others are open, most work is reserved for the others.
-        is_lost = bank.contradiction[best] >= CONTRADICTED and bool(bank.is_open.any())
-        reserved = _SEARCH_EVALUATIONS + 1 if is_lost else 1
-        while best not in exact:
+        best, exact, is_open = bank.leader, dict[int, Fit](), bank.is_open.copy()
+        update: BankUpdate | None = None
+        while True:
+            most = 1 if is_lost and not exact else _SHARE_EVALUATIONS
+            start = self._nearest(bank, best, rows, prediction) if is_open[best] else prediction
+            is_first = is_new and not is_open[best]
             try:
-                exact[best] = self._fit(bank, best, rows, prediction, reserved, is_new=is_new)
+                exact[best], solved = self._fit(bank, best, rows, start, most, is_new=is_first)
             except SolveError:
-                prior_cost[best] = np.inf
-                if not np.isfinite(prior_cost).any() or not (exact or self._work.is_left):
+                total[best], is_open[best] = np.inf, False
+                if not np.isfinite(total).any() or not (exact or self._work.is_left):
                     raise
+                update = update or self._linearised(bank, rows, prediction)
             else:
-                solved = exact[best][0].prediction
-                if len(bank.doubts) == 1:
-                    update = exact[best][1]
-                elif nearby.distance(solved.x) > _FAR * self._model.arm.length:
-                    update = update or self._linearised(bank, rows, nearby)
-                    update.improve(self._linearised(bank, rows, solved))
-                nearby = solved
-            update = update or self._linearised(bank, rows, nearby)
-            for number, (_, solved_update) in exact.items():
-                update.put([number], solved_update)
-            best = int((bank.contradiction + update.cost + prior_cost).argmin())
-            if exact and (is_lost or not self._work.is_left):
-                break
-        assert update is not None
-        is_open = self._search(bank, update, rows, nearby, exact)
-        total = bank.contradiction + update.cost + prior_cost
-        best = min(exact, key=lambda number: float(total[number]))
-        fit = exact[best][0]
-        bank = _updated(bank, update)._replace(
-            leader=best, agreement=fit.agreement, is_open=is_open
-        )
-        return bank, update, fit.prediction
-
-    def _search(
-        self,
-        bank: Bank,
-        update: BankUpdate,
-        rows: Rows,
-        prediction: Prediction,
-        exact: dict[int, tuple[Fit, BankUpdate]],
-    ) -> NDArray[np.bool_]:
-        """Add to ``exact`` the shapes of open hypotheses far from ``prediction``; return the rest.
-
-        The rest stays in the covariance without an update, as no work is left for it.
-        """
-        if not bank.is_open.any():
-            return bank.is_open
-        displacement = (update.mean - prediction.x) @ prediction.change.tip[:3].T
-        is_far = np.linalg.norm(displacement, axis=1) > _FAR * self._model.arm.length
-        is_open = bank.is_open & (is_far | (update.cost >= CONTRADICTED))
-        is_open[list(exact)] = False
-        open_numbers = np.flatnonzero(is_open).tolist()
-        for number in open_numbers:
-            if self._work.evaluations < _SEARCH_EVALUATIONS:
-                break
-            is_open[number] = False
-            try:
-                start = self._nearest(bank, number, rows, prediction)
-                exact[number] = self._fit(bank, number, rows, start, 0, is_new=False)
-            except SolveError:
+                if update is None:
+                    is_alone = len(bank.doubts) == 1
+                    update = solved if is_alone else self._linearised(bank, rows, prediction)
+                update.put([best], solved)
+            best = int((total + update.cost).argmin())
+            if best not in exact and not (exact and (is_lost or not self._work.is_left)):
                 continue
-            fit, solved_update = exact[number]
-            if solved_update.cost[0] < CONTRADICTED:
-                update.improve(self._linearised(bank, rows, fit.prediction))
-        for number, (_, solved_update) in exact.items():
-            update.put([number], solved_update)
-        same = [number for number in open_numbers if number not in exact]
-        update.mean[same], update.covariance[same] = bank.mean[same], bank.covariance[same]
-        update.is_used[same], update.cost[same] = False, 0.0
-        return is_open
+            # Then those of the open ones whose shapes are far from that.
+            displacement = (update.mean - prediction.x) @ prediction.change.tip[:3].T
+            is_far = np.linalg.norm(displacement, axis=1) > _FAR * self._model.arm.length
+            is_open &= is_far | (update.cost >= CONTRADICTED)
+            is_open[list(exact)] = False
+            if not is_open.any() or self._work.evaluations < _SEARCH_EVALUATIONS:
+                break
+            best = int(is_open.argmax())
+        # What is open still keeps its prior.
+        update.mean[is_open] = bank.mean[is_open]
+        update.covariance[is_open] = bank.covariance[is_open]
+        update.is_used[is_open], update.cost[is_open] = False, 0.0
+        total += update.cost
+        best = min(exact, key=lambda number: float(total[number]))
+        bank = _updated(bank, update)._replace(
+            leader=best, agreement=exact[best].agreement, is_open=is_open
+        )
+        return bank, update, exact[best].prediction
 
     def _nearest(self, bank: Bank, number: int, rows: Rows, near: Prediction) -> Prediction:
         """Return the best of ``near`` and states with some values of the doubted tension."""
@@ -316,9 +277,12 @@ class BankFilter:
         return BankUpdate(mean, covariance, is_used, cost, innovation, expected, square)
 
     def _fit(
-        self, bank: Bank, number: int, rows: Rows, near: Prediction, spare: int, *, is_new: bool
+        self, bank: Bank, number: int, rows: Rows, near: Prediction, most: int, *, is_new: bool
     ) -> tuple[Fit, BankUpdate]:
-        """Update one hypothesis by ``rows``, linearised about its own shape after them."""
+        """Update one hypothesis by ``rows``, linearised about its own shape after them.
+
+        Each search from the shape ``near`` has at most ``most`` evaluations.
+        """
         prior, channels = bank.hypothesis(number), channels_of(rows.channels(near))
         single = bank._replace(
             doubts=bank.doubts[number : number + 1],
@@ -329,8 +293,7 @@ class BankFilter:
         start, work = near, self._work
         while True:
             if len(bank.doubts) > 1:  # the rest of the work is for the others
-                available = max(self._work.evaluations - spare, 1)
-                work = self._work.share(min(_SHARE_EVALUATIONS, available))
+                work = self._work.share(min(most, max(self._work.evaluations - 1, 1)))
             rows_used = rows.subset(np.flatnonzero(is_used))
             fit = agree(prior, rows_used, bank.agreement, near, work, is_new=is_new)
             near, is_new = fit.prediction, False
@@ -381,15 +344,22 @@ class BankFilter:
         mean[is_lost], covariance[is_lost] = mean[leader], covariance[leader]
         return self._widened(bank._replace(mean=mean, covariance=covariance), is_lost)
 
-    def doubted_and_suspects(self, bank: Bank) -> tuple[Doubts, tuple[str, ...]]:
-        """Return doubted sensors that are probably wrong; if none is, those of which one is."""
+    def doubted_and_suspects(
+        self, bank: Bank, *, is_common: bool
+    ) -> tuple[Doubts, tuple[str, ...]]:
+        """Return doubted sensors that are probably wrong; if none is, those of which one is.
+
+        If it ``is_common``, see `CommonFault`, a sensor that contradicts the others may be the one
+        that is right. Then only load cells are called wrong.
+        """
         doubted = bank.doubts[bank.leader]
         if not doubted:
             return _NO_DOUBTS, ()
         weight, suspects = self._weight(bank), []
         sensors = sorted(frozenset().union(*bank.doubts))
         doubting = {name: np.array([name in names for names in bank.doubts]) for name in sensors}
-        refused = frozenset(name for name in doubted if weight[doubting[name]].sum() > 0.5)
+        possible = doubted & self._cells if is_common else doubted
+        refused = frozenset(name for name in possible if weight[doubting[name]].sum() > 0.5)
         remaining = weight * [bool(names) for names in bank.doubts]
         half = 0.5 * remaining.sum()
         while not refused and remaining.sum() >= half:

@@ -82,8 +82,7 @@ class _Step:
         """Return the estimate after ``measurements``; begin the search at ``near``, if any."""
         time, last, earlier = self._time, self._last, self._earlier
         bank, prediction, parts = self._updated(measurements, near)
-        leader, (doubted, suspects) = bank.leader, self._filter.doubted_and_suspects(bank)
-        since = None
+        leader, since = bank.leader, None
         if bank.contradiction[leader] >= CONTRADICTED:
             before = None if earlier is None else earlier.contradicted_since
             since = time if before is None else before
@@ -97,8 +96,7 @@ class _Step:
         innovations = _innovations(parts, leader, prediction)
         unused = [item for item in innovations if not item.is_accepted]
         volume += sum(chi_square_limit(self._rules.gate, item.value.size) for item in unused)
-        uncertain = bank.doubts[leader] - doubted
-        bank = self._filter.without_contradicted(bank)
+        judged, bank = bank, self._filter.without_contradicted(bank)
         known, fault = self._filter.mixture(bank), CommonFault()
         if last is not None and self._rules.doubts_any:
             elapsed = time - last.time
@@ -113,6 +111,9 @@ class _Step:
                 heard,
                 frozenset(item.name for item in unused),
             )
+        is_common = fault.earlier is not None
+        doubted, suspects = self._filter.doubted_and_suspects(judged, is_common=is_common)
+        uncertain = judged.doubts[leader] - doubted
         return Estimate(
             time,
             time if last is None else last.first,
