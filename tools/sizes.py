@@ -22,7 +22,7 @@ MOST = {
     'octo_arm_model/arm': 2_490,
     'octo_arm_model/bags': 2_610,
     'octo_arm_model/cli': 2_970,
-    'octo_arm_model/config': 1_760,
+    'octo_arm_model/config': 1_770,
     'octo_arm_model/estimation': 3_670,
     'octo_arm_model/experiment': 6_010,
     'octo_arm_model/reproduce': 1_050,
@@ -31,7 +31,7 @@ MOST = {
     'octo_arm_model/simulation': 2_230,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_380,
-    'test': 24_360,
+    'test': 24_380,
 }
 
 

@@ -1,6 +1,7 @@
 """The command line, ``octo-arm``."""
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from types import ModuleType
@@ -24,6 +25,7 @@ from octo_arm_model.cli import (
 from octo_arm_model.cli.files import folders_made
 from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe_closed, show_logs
 
+_SMALL = re.compile(r'-[0-9.]+[eE]')
 # Each module has the name of its command, SUMMARY for the list of commands, DESCRIPTION and EPILOG
 # for its help, add_options(parser), and run(options), which returns the exit status or None for 0.
 _COMMANDS: tuple[ModuleType, ...] = (
@@ -103,7 +105,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     try:
-        options = build_parser().parse_args(arguments)
+        words = sys.argv[1:] if arguments is None else arguments
+        # For argparse -1e-5 is an option, but not after a blank.
+        words = [f' {word}' if _SMALL.match(word) else word for word in words]
+        options = build_parser().parse_args(words)
         show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
         with folders_made() as options.made:
             return options.run(options) or 0

@@ -204,12 +204,8 @@ class CsvTable:
         if not fine.all():
             n = int(np.argmin(fine))
             second, header = float(seconds[n]), self.given.get('time', 'time')
-            units = (unit for unit, factor in TIME.items() if abs(second) * factor < 2.0**31)
-            hint = (
-                f'; in {unit}? then say --columns "time={header} [{unit}]"'
-                if (unit := next(units, ''))
-                else ''
-            )
+            unit = next((one for one, factor in TIME.items() if abs(second) * factor < 2**31), '')
+            hint = f'; in {unit}? then say --columns "time={header} [{unit}]"' if unit else ''
             raise MeasurementError(
                 f'{self.path}, line {self.lines[n]}: time is {second!r} s, '
                 f'expected a time below 2147483648 s{hint}'
@@ -310,7 +306,7 @@ def _headers(rows: list[list[str]]) -> tuple[tuple[_Column, ...], int]:
     named = next((n for n, row in enumerate(rows[:_MOST_HEADERS]) if row[0] == 'Frame'), 0)
     if first == 'Format Version' and named:
         return _motive_columns(rows[:named], rows[named]), named + 1
-    if first == 'Trajectories' and 1 < named < len(rows) - 1:
+    if first in ('Trajectories', 'Segments') and 1 < named < len(rows) - 1:
         return _vicon_columns(rows, named), named + 2
     count = len(rows)
     for number, row in enumerate(rows[:_MOST_HEADERS]):

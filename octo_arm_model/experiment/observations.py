@@ -219,6 +219,11 @@ def observe(
             'no load cells: tensions follow from the lengths that winches reeled in, by the arm '
             'as the config has it'
         )
+        if not any(window.tensions.any() for window in followed):
+            notes.append(
+                'no tendon is taut in any step: the sign of displacement_scale, or '
+                'displacement_offset, does not fit the readings'
+            )
     shapes, used = _shapes(paired, recording.marker_s)
     if not shapes:
         within = (

@@ -213,15 +213,15 @@ def test_loads_and_material_may_be_said_on_the_command_line(cli, table4):
 
 
 def test_a_wrench_in_the_axes_of_the_tip_turns_with_it(cli, table4):
-    given = '--tip-force 0.001 0.004 0 --tip-moment 0 1e-5 0 --model exact'.split()
+    given = '--tip-force 0.001 0.004 0 --tip-moment 0 -1e-5 0 --model exact'.split()
     shape = cli.json(*SOLVE, TENSIONS, '--json', *given, '--tip-frame', 'tip')
     turn = Rotation.from_quat(shape['quaternion'][-1])
-    wrench = np.concatenate([turn.apply([0.001, 0.004, 0.0]), turn.apply([0.0, 1e-5, 0.0])])
+    wrench = np.concatenate([turn.apply([0.001, 0.004, 0.0]), turn.apply([0.0, -1e-5, 0.0])])
     dead = Solver(table4.arm, 'exact', 101, table4.base).solve(FETCHING_IN_SPACE, wrench)
     assert_allclose(shape['position'], dead.position, atol=1e-9)
     assert np.abs(turn.as_matrix() - np.eye(3)).max() > 0.1
     values = load_parameters('renda2012_table4')
-    own = {'tip_frame': 'tip', 'tip_force': [0.001, 0.004, 0.0], 'tip_moment': [0.0, 1e-5, 0.0]}
+    own = {'tip_frame': 'tip', 'tip_force': [0.001, 0.004, 0.0], 'tip_moment': [0.0, -1e-5, 0.0]}
     values |= {'model': 'exact', **{f'loads.{name}': value for name, value in own.items()}}
     again = Config.from_parameters(values).solver().solve(FETCHING_IN_SPACE)
     assert_allclose(again.position, dead.position, atol=1e-9)

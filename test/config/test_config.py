@@ -197,7 +197,7 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
         (
             'anchorage: [0.45, 0.315, 0.135]',
             'anchorage: 0.45',
-            'sections.anchorage is 0.45, expected double[]',
+            'sections.anchorage is 0.45, expected double[], as [0.45]',
         ),
         (
             'anchorage: [0.45, 0.315, 0.135]',

@@ -385,6 +385,11 @@ def test_trajectories_of_vicon_are_read_in_their_units_at_their_rate(tmp_path):
     with pytest.raises(MeasurementError, match=r'names midline:tme, which is not read here.*time'):
         files = CsvSources(loads, track, columns={'midline:tme': 'Frame'})
         read_recording(None, config, measured=measured, files=files)
+    track.write_text(
+        'Segments\n100\n,,arm:a\nFrame,Sub Frame,RX,TX,TY,TZ\n,,deg,mm,mm,mm\n7,0,1,10,20,30\n'
+    )
+    files = CsvSources(loads, track, columns={axis: f'a_t{axis}' for axis in 'xyz'})
+    assert_allclose(read_recording(None, config, files=files).frames, [[[0.01, 0.02, 0.03]]])
 
 
 def test_a_cloud_of_points_is_markers_by_their_numbers(tmp_path):

@@ -7,6 +7,7 @@ import pytest
 from experiments import (
     HELD,
     PARAMETERS,
+    arm_file,
     bag_of,
     description,
     midline,
@@ -113,6 +114,14 @@ def test_without_load_cells_tensions_follow_from_lengths(tmp_path, seen, cli):
     said = cli.json(*arguments)
     assert [step['tensions'][0] for step in said['steps']] == pytest.approx(HELD[:4], abs=2e-3)
     assert max(step['tip_error_percent'] for step in said['steps']) < 0.05
+
+
+def test_readings_that_leave_all_tendons_slack_are_noted(tmp_path, cli):
+    table, config = tmp_path / 'counts.csv', arm_file(tmp_path, {**PARAMETERS, **STRETCHING})
+    table.write_text('m,x,y,z\n2048,0.27,0,0\n2100,0.26,0.05,0\n')
+    words = f'compare --config {config} --pose-csv {table} --align none --spools -1.5e-05 --motors'
+    said = cli.json(*words.split(), 'm', 'm', 'm', 'm', '--json')
+    assert any('no tendon is taut in any step: the sign' in note for note in said['notes'])
 
 
 def test_encoders_may_publish_in_messages_of_their_own(tmp_path, seen):
