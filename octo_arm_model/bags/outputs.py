@@ -6,10 +6,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_FRICTION
 from octo_arm_model.arm.stiffness import default_highest
@@ -41,7 +39,6 @@ CAMERA_QUATERNION = (0.8, -0.36, 0.288, 0.384)  # x, y, z, w
 TOUCH_DIRECTION = (0.0, 0.6, 0.8)  # in base_frame
 # When a touch begins and has its full force, over the time of a tension; it ends symmetrically.
 _TOUCH_AFTER, _TOUCH_GROWN = 0.125, 0.1875
-_LEVELS = 41  # tensions at which encoders are computed; others are interpolated
 _MOST_AHEAD = 1e8  # bound of a clock offset [s], as seconds of a stamp are an int32
 
 
@@ -107,9 +104,6 @@ class Experiment:
         not_negative('--friction', self.friction, 'coefficient', '-', MAX_FRICTION)
         not_negative('--touch', self.touch, 'force', 'N')
         whole('--seed', self.seed)
-        if self.touch and (self.sheath or self.axial_stiffness):
-            # Encoders are interpolated over the tensions only.
-            raise ConfigError('--touch does not go with --sheath or --axial-stiffness')
 
     def schedule(self, config: Config) -> tuple[FloatArray, FloatArray]:
         """Return the corners of the tension of the first tendon over time: [s] and [N].
@@ -167,22 +161,6 @@ class TrueArm:
         self.config = Config.from_parameters({**parameters, **changed})
         self.solver = self.config.solver()
 
-    def reeled_in(self, pulls: FloatArray) -> FloatArray:
-        """Return the lengths that all winches have reeled in, (n, tendons) [m].
-
-        ``pulls`` (n,) [N] are the tensions of the first tendon, one after another.
-        """
-        if self.config.arm.friction:
-            # The lengths depend on the pulls before.
-            shapes = self.shapes(pulls, np.zeros((pulls.size, 3)))
-            return np.array([displacements_of(self.solver, shape).ravel() for shape in shapes])
-        levels = np.linspace(0.0, pulls.max(), _LEVELS)
-        reeled = [
-            displacements_of(self.solver, self.solver.solve(self._tensions(level))).ravel()
-            for level in levels
-        ]
-        return np.asarray(CubicSpline(levels, reeled)(pulls))
-
     def shapes(self, pulls: FloatArray, forces: FloatArray) -> list[Backbone]:
         """Return the shapes under ``pulls`` (n,) [N], with ``forces`` (n, 3) [N] on the tip."""
         last: Backbone | None = None
@@ -239,7 +217,8 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     messages.add_all(TENSIONS, _stamps(samples), tensions)
 
     if experiment.sheath or experiment.axial_stiffness:
-        reeled_in = arm.reeled_in(np.interp(samples, times, pulls))
+        shapes = arm.shapes(np.interp(samples, times, pulls), experiment.touches(samples, times))
+        reeled_in = np.array([displacements_of(arm.solver, one).ravel() for one in shapes])
         # A separate generator, so that all else is the same with encoders and without.
         noise = np.random.default_rng([experiment.seed, 1]).standard_normal(reeled_in.shape)
         reeled_in += experiment.encoder_noise * noise
@@ -360,16 +339,14 @@ def add_motion(
         OctoArmError: if the bag cannot be written, or the motion cannot be computed further.
     """
     writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
-    written, exact = list[Moment](), np.zeros((6, 6))
+    written, exact, solver = list[Moment](), np.zeros((6, 6)), config.solver('exact')
+    grid, names = solver.grid, config.arm.tendon_names
+    layout = BackboneWriter(config.base_frame, solver.model, grid.s, grid.section, names)
 
     def messages() -> Iterator[Message]:
-        layout: BackboneWriter | None = None
         for moment in moments:
             written.append(moment)
             shape, received = moment.backbone, START + round(moment.time * 1e9)
-            if layout is None:
-                arguments = config.base_frame, shape.model, shape.s, shape.section
-                layout = BackboneWriter(*arguments, config.arm.tendon_names)
             stamp = Stamp.from_ns(received)
             tensions = writer.add(f'/{TENSIONS}', TENSION_TOPICS[TENSIONS].type_name)
             yield tensions, received, layout.tensions(shape.tensions, *stamp)

@@ -275,16 +275,16 @@ motion.viscosity | double | 0.0 | >= 0
 motion.damping_time | double | 0.0 | >= 0
     factor of the stiffness of cross sections that gives their viscosity, instead [s]; 3 eta / E
     is the same for poisson_ratio 0.5
-motion.water | string | '' | {_WATERS}, or empty | choice
+motion.water | string | '' | {_WATERS}, or empty | choice | with loads.fluid_density
     source of the coefficients of drag and added mass: {_WATERS}; empty for the next three
-motion.normal_drag | double | 0.0 | >= 0 | unless motion.water
+motion.normal_drag | double | 0.0 | >= 0 | unless motion.water | with loads.fluid_density
     coefficient C_n of the drag across, rho R C_n v |v| per length [-], in a fluid of
     loads.fluid_density
-motion.tangential_drag | double | 0.0 | >= 0 | unless motion.water
+motion.tangential_drag | double | 0.0 | >= 0 | unless motion.water | with loads.fluid_density
     coefficient C_t of the drag along, rho R pi C_t v |v| / 2 per length [-]
-motion.added_mass | double | 0.0 | >= 0 | unless motion.water
+motion.added_mass | double | 0.0 | >= 0 | unless motion.water | with loads.fluid_density
     mass of water that is accelerated across over the mass of displaced water [-]
-motion.current | double[] | [0.0, 0.0, 0.0]
+motion.current | double[] | [0.0, 0.0, 0.0] | | with loads.fluid_density
     velocity of the water in base_frame [m/s]
 solve_budget.iterations | integer | 1000 | >= 1
     iterations of Newton's method that a solve of a loaded arm may take; it is refused if it

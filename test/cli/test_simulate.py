@@ -116,6 +116,7 @@ def test_the_file_of_an_arm_says_how_it_moves():
         'sections.offset_base': [0.005],
         'sections.offset_anchorage': [0.003],
     }
+    given['loads.fluid_density'] = 1000.0
     motion = {'motion.viscosity': 300.0, 'motion.water': 'cylinder', 'motion.current': [0.1, 0, 0]}
     config = Config.from_parameters(given | motion)
     assert config.motion == MotionProperties(300.0, 0.0, 1.1, 0.01, 1.0, (0.1, 0.0, 0.0))
