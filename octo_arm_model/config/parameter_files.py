@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 from octo_arm_model.arm.errors import ConfigError, OctoArmError, printable, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.arm.validation import check_class
-from octo_arm_model.config.files import dump_numbers, dump_yaml, load_yaml, read_text, reading
+from octo_arm_model.config.files import dump_yaml, load_yaml, read_text, reading
 
 
 def find_path(name: str | Path) -> Path:
@@ -47,7 +47,6 @@ def preset_path(name: str) -> Path:
 
 # For each node its name, with its namespace, and its parameters by their dotted names.
 Nodes: TypeAlias = list[tuple[str, dict[str, Any]]]
-_NAME = re.compile(r'[a-z]+[._][a-z_.]+')  # such names need no quotes in YAML
 
 
 def is_of_every_node(name: str) -> bool:
@@ -109,17 +108,7 @@ def parse_parameters(text: str, name: str) -> dict[str, Any]:
 
 def parameters_as_yaml(values: Mapping[str, Any]) -> str:
     """Return the text of a ROS parameter file with these ``values`` by their dotted names."""
-    lines, others = list[str](), dict[str, Any]()
-    for name, value in sorted(values.items()):
-        plain = list(value) if isinstance(value, tuple) else value
-        if isinstance(plain, list) and {*map(type, plain)} == {float} and _NAME.fullmatch(name):
-            lines.append(f'    {name}: {dump_numbers(plain)}\n')
-        else:
-            others[name] = plain
-    text = dump_yaml({'/**': {'ros__parameters': others}})
-    if lines and not others:
-        text = text.replace(' {}', '')
-    return text + ''.join(lines)
+    return dump_yaml({'/**': {'ros__parameters': dict(values)}})
 
 
 @contextlib.contextmanager

@@ -341,7 +341,7 @@ def test_texts_come_back_from_the_file_as_they_were():
     assert parse_parameters(text, 'it') == values
     # As plain scalars C, and so ROS, reads these as numbers.
     for word in ('nan', 'inf', 'y', '08', '1e5'):
-        assert f"- '{word}'\n" in text
+        assert f"'{word}'" in text
 
 
 @pytest.mark.parametrize(
