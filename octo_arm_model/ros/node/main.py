@@ -200,8 +200,7 @@ def run(name: str, make_node: Callable[[], Node], arguments: list[str] | None = 
         # The executor has then lost count of its callbacks; freeing it would abort the process.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(executor))
     except (OctoArmError, ParameterException) as error:
-        hint = '(parameters come from --ros-args --params-file FILE)'
-        return fail(name, f'{error} {hint}', 1)
+        return fail(name, f'{error} (parameters come from --ros-args --params-file FILE)', 1)
     except MemoryError:
         return fail(name, 'out of memory', 1)
     finally:

@@ -70,12 +70,11 @@ class SimulatorNode(CheckedNode):
         )
         self._diagnostics = publishers.SimulatorDiagnostics(self)
         self._encoders = topics.create_publisher(self, JointState, DISPLACEMENTS, OUTPUT_QOS)
-        table = (*ARM_PARAMETERS, *PARAMETERS)
         self._outputs = publishers.ArmPublishers(self)
         self._time = services.SimulationClock(self, self._step)
         self._commanders = publishers.Commanders(self)
         self._push = services.PushService(self, lambda: self._config.push)
-        self._live = LiveParameters(self, table, self._prepare, self._use)
+        self._live = LiveParameters(self, (*ARM_PARAMETERS, *PARAMETERS), self._prepare, self._use)
         self._live.begin()
         services.SimulationServices(self, self._time, self._reset, self._save, self._restore)
         inputs = Inputs(self, self._diagnostics.refuse, self._diagnostics.count)
@@ -197,8 +196,7 @@ class SimulatorNode(CheckedNode):
         self._drive, self._command = TendonDrive(config), np.zeros(len(config.model.arm.tendons))
         if config.pushed_arm is not None:
             config.pushed_arm.reset()
-        self._is_playing, self._played_ns = config.profile is not None, 0.0
-        self._time_ns = 0
+        self._is_playing, self._played_ns, self._time_ns = config.profile is not None, 0.0, 0
         self._push.forget()
 
     def _state_file(self) -> tuple[DynamicArm, Path]:
@@ -311,9 +309,8 @@ class SimulatorNode(CheckedNode):
         return message
 
     def _report(self) -> None:
-        source = 'profile' if self._is_playing else 'commands'
-        if self._time.is_paused:
-            source = publishers.PAUSED
+        followed = 'profile' if self._is_playing else 'commands'
+        source = publishers.PAUSED if self._time.is_paused else followed
         has_time = self._config.course.publish_clock or self.get_clock().now().nanoseconds
         problem = self._commanders.report() if has_time else diagnostics.NO_TIME
         with until_shutdown(self.context):

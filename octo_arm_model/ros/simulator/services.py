@@ -235,10 +235,9 @@ class SimulationServices:
         return self._result(response, 'RESULT_OK')
 
     def _step_many(self, request: Any, response: Any) -> Any:
-        problem = ''
-        if not self._clock.is_paused:
-            problem = NOT_PAUSED
-        elif request.steps > (most := min(MOST_STEPS, max(1, int(LONGEST / self._clock.period)))):
+        most = min(MOST_STEPS, max(1, int(LONGEST / self._clock.period)))
+        problem = '' if self._clock.is_paused else NOT_PAUSED
+        if not problem and request.steps > most:
             problem = f'steps is {request.steps}, expected at most {most} in one request'
         if problem:
             return self._result(response, 'RESULT_OPERATION_FAILED', problem)

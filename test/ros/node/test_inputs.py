@@ -405,3 +405,6 @@ def test_a_coarse_clock_is_not_mistaken_for_stamps_from_the_future(step, is_ahea
         client.wait(lambda: client.answers['backbone/path'], 'an answer')
         after = int(client.status('input')[1]['stamps from the future'])
         assert after - before == int(is_ahead)
+        client.clock()
+        several = 'several sources: several publishers on /clock'
+        client.wait(lambda: any(several in one for one in client.told()), several)
