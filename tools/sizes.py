@@ -16,22 +16,22 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_600,
+    'octo_arm_model': 44_620,
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 460,
     'octo_arm_model/arm': 2_490,
     'octo_arm_model/bags': 2_590,
-    'octo_arm_model/cli': 2_970,
+    'octo_arm_model/cli': 2_980,
     'octo_arm_model/config': 1_750,
     'octo_arm_model/estimation': 3_670,
-    'octo_arm_model/experiment': 6_010,
+    'octo_arm_model/experiment': 6_020,
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_210,
     'octo_arm_model/ros': 4_800,
     'octo_arm_model/simulation': 2_230,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_380,
-    'test': 24_380,
+    'test': 24_390,
 }
 
 

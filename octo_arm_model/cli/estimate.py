@@ -395,16 +395,19 @@ def run(options: argparse.Namespace) -> int:
         table = {**(sources.parameters or {}), **sources.values} if sources.parameters else None
         is_table = options.bag.suffix == '.csv'
         names = sources.marker_names if is_table else ()
+        to_base = np.asarray if sources.alignment is None else sources.alignment.to_base
         with Bar('messages') as bar:
             reader = resources.enter_context(
-                open_bag(options.bag, table, sources.calibration, columns, names)
+                open_bag(options.bag, table, sources.calibration, columns, names, to_base)
             )
             if is_table:
                 described = as_described({**(sources.parameters or {}), **sources.calibration})
                 sources = dataclasses.replace(
-                    sources, parameters=described, calibration={}, marker_names=()
+                    sources, parameters=described, calibration={}, marker_names=(), alignment=None
                 )
             recorded = read_sensor_recording(reader, sources, bar.on_terminal)
+            if is_table and options.align is None:
+                recorded.notes.append('points of a table are in base_frame, or say --align')
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
         _refuse_idle(options, sensors, recorded.settings.unknowns)
         if recorded.camera is None:

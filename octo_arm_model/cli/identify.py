@@ -217,6 +217,9 @@ def run(options: argparse.Namespace) -> int:
     fitted = of_each(models, 'fitted', notes, fit)
     best = identification.best_of(fitted)
     notes += identification.disagreements(fitted)
+    if 'alignment' in fits:
+        pose = *best.alignment.shift, *best.alignment.quaternion
+        notes.append(f'the camera is at --align {" ".join(f"{one:.6g}" for one in pose)}')
     if options.pictures is not None:
         from octo_arm_model.experiment.pictures import pictures_of_fit, save_all
 

@@ -260,6 +260,7 @@ def opened(
     calibration: Mapping[str, Any],
     columns: Mapping[str, str],
     marker_names: tuple[str, ...] = (),
+    to_base: Callable[[FloatArray], FloatArray] = np.asarray,
 ) -> Iterator[BagReader]:
     """Open the bag at ``path``, or a temporary bag made from the table there, which ends in .csv.
 
@@ -270,6 +271,7 @@ def opened(
         calibration: parameters of load cells and encoders that replace those.
         columns: columns of a table by quantity.
         marker_names: names of the markers at estimator.marker_s in a table.
+        to_base: transforms points (..., 3) [m] of a table to base_frame.
 
     Raises:
         BagError: if there is no such bag, or ``columns`` are given for a bag.
@@ -286,7 +288,8 @@ def opened(
         raise ConfigError('no arm: for a table it has to be given by --config')
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / 'table'
-        notes = _write(written, path, {**parameters, **calibration}, columns, marker_names)
+        values = {**parameters, **calibration}
+        notes = _write(written, path, values, columns, marker_names, to_base)
         with BagReader(written) as reader:
             reader.notes += notes
             yield reader
@@ -309,6 +312,7 @@ def _write(
     parameters: dict[str, Any],
     columns: Mapping[str, str],
     marker_names: tuple[str, ...],
+    to_base: Callable[[FloatArray], FloatArray],
 ) -> list[str]:
     """Write the bag of a table; return remarks on rows that were left out."""
     arm_values = {name: value for name, value in parameters.items() if not name.startswith(PREFIX)}
@@ -339,7 +343,7 @@ def _write(
         if csv_recording.has_points(table, measured):
             points = MeasuredPoints(measured, config.arm.length)
             frames = csv_recording.csv_frames(table, measured, points, refusals)
-            for stamp, row in zip(frames.stamps, frames.rows):
+            for stamp, row in zip(frames.stamps, map(to_base, frames.rows)):
                 if marker_s or len(row) > 1:
                     messages.add(MARKERS if marker_s else MIDLINE, stamp, row)
                 else:

@@ -163,15 +163,20 @@ class Touch(NamedTuple):
     hypothesis: str
 
 
-def _find_touches(moments: Iterable[Moment]) -> list[Touch]:
-    """Return the intervals of significant forces among ``moments`` in ascending time."""
+def _find_touches(moments: Sequence[Moment]) -> list[Touch]:
+    """Return the intervals of significant forces among ``moments`` in ascending time.
+
+    Moments that are farther apart than `SHORTEST`, as static poses, are touches by themselves.
+    """
     parts: list[list[Moment]] = []
+    apart = float(np.median(np.diff([one.time for one in moments]))) if len(moments) > 1 else 0.0
     for moment in moments:
         if moment.is_significant:
-            if not parts or moment.time - parts[-1][-1].time > GAP:
+            if not parts or moment.time - parts[-1][-1].time > max(GAP, 1.5 * apart):
                 parts.append([])
             parts[-1].append(moment)
-    return [_touch(part) for part in parts if part[-1].time - part[0].time >= SHORTEST]
+    shortest = SHORTEST if apart < SHORTEST else 0.0
+    return [_touch(part) for part in parts if part[-1].time - part[0].time >= shortest]
 
 
 def _touch(moments: Sequence[Moment]) -> Touch:

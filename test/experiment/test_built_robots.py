@@ -223,7 +223,18 @@ def test_a_table_is_estimated_as_a_bag_is(tmp_path, cli, poses):
         f'estimate {table} --config {arm_file(tmp_path, {**PARAMETERS, "model": "exact"})} '
         f'--tip-position-stddev 1e-3 --tension-stddev 0.05 --csv {tmp_path}/out --json'
     )
-    assert cli.json(command)['touches'] == []
+    said = cli.json(command)
+    assert said['touches'] == [] and 'points of a table are in base_frame' in ' '.join(
+        said['notes']
+    )
+    content[:, 4:] = (poses[1] - [0.0, 0.0, 1.0]) * [1, -1, -1]  # from behind
+    np.savetxt(table, content, delimiter=',', header=f'{names},x,y,z', comments='')
+    behind = cli.json(f'{command} --align 0 0 1 1 0 0 0')
+    for name, innovation in said['innovations'].items():
+        assert behind['innovations'][name] == pytest.approx(innovation, rel=1e-6)
+    more = '--force-stddev 0.1 --tension-rate 5 --align 0 0.01 1 1 0 0 0'  # 10 mm aside
+    (touch,) = cli.json(f'{command} {more}')['touches']  # of poses a second apart
+    assert touch['force'][1] > 0.0
     lines = (tmp_path / 'out' / 'estimate.csv').read_text().splitlines()
     assert len(lines) == 1 + len(PULLS)
     wanted = 'tme, which is not read here; expected names of'
