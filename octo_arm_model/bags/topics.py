@@ -104,9 +104,12 @@ def pick_topic(
             )
         reader.types_of(reader.topics[topic])
         return topic
-    only = measured_topic(reader, types or (), what, () if without is None else (without,))
+    types = types or ()
+    only = measured_topic(reader, types, what, () if without is None else (without,))
     if only is None:
-        raise BagError(f'{reader.path}: no {what}, expected {expected}; {reader.listing}')
+        answers = [one for one, kind in reader.offered.items() if kind in types and one != without]
+        hint = f'{answers[0]} is no measurement unless an option names it; ' if answers else ''
+        raise BagError(f'{reader.path}: no {what}, expected {expected}; {hint}{reader.listing}')
     reader.types_of(reader.topics[only])
     return only
 

@@ -319,7 +319,6 @@ class PushService:
             return response
         self._is_requested, response.success = bool(request.data), True
         place = f's = {push.s:g} m' if push.s else 'the tip'
-        response.message = (
-            f'pushes {place} with {list(push.force)} N' if request.data else 'lets go'
-        )
+        pushes = f'pushes {place} with {list(push.force)} N'
+        response.message = pushes if request.data else 'lets go'
         return response
