@@ -237,7 +237,7 @@ def observe(
         raise SolveError(
             f'nothing to compare: none of {len(frames)} frames from {seen[0]:.3f} to '
             f'{seen[-1]:.3f} s{within or " has"} {what}s within {pairing.tolerance:g} s'
-            + (f'; {_ELSE}' if kind == STEPS else '')
+            + f'; {_ELSE if kind == STEPS else "--clock-offset is added to stamps of frames"}'
         )
     notes.append(
         f'{len(windows)} {kind}, {len(shapes)} of them with frames: {used} of {len(frames)} used'

@@ -75,6 +75,9 @@ def test_poses_are_refused_as_steps_and_read_as_poses(tmp_path, cli):
     assert len(said['steps']) == COUNT and said['clock_offset'] == 0.0
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
     assert any('40 poses, 40 of them with frames: 40 of 40 used' in one for one in said['notes'])
+    given = files(tmp_path, random_poses(0, 2), np.arange(2.0), late=1.7e9)
+    line = cli.refused('compare', *given, *ARM, '--poses', status=1)
+    assert line.endswith('--clock-offset is added to stamps of frames\n')
 
 
 def test_tips_that_no_number_of_metres_reaches_are_left_out(tmp_path, cli):
