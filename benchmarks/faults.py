@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 from octo_arm_model import Backbone, load_config
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.stiffness import default_highest
-from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurement import Measurement
-from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition
+from octo_arm_model.estimation.measurements import BaseWrench, Markers, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.settings import EstimatorSettings
 

@@ -18,7 +18,7 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import ParameterGroup, stated
-from octo_arm_model.estimation.base_wrench import forces_at_stations, require_covered
+from octo_arm_model.estimation.measurements import forces_at_stations, require_covered
 from octo_arm_model.estimation.settings import MAX_MARKERS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of

@@ -18,7 +18,6 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation import measurements
-from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurement import magnitudes
 from octo_arm_model.estimation.settings import SensorNoise
 from octo_arm_model.rod.rotations import skew
@@ -290,7 +289,7 @@ def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     lever = skew(origin - np.array(arm.config.base.position))
     turn[3:, :3] = lever @ rotation.as_matrix()
     stddev = np.repeat(stddevs, 3)
-    return BaseWrench(turn @ wrench, (turn * stddev**2) @ turn.T)
+    return measurements.BaseWrench(turn @ wrench, (turn * stddev**2) @ turn.T)
 
 
 TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measured/base_wrench'

@@ -22,10 +22,10 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.arm.loads import ZERO, DistributedLoad, PointLoad
-from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.estimate import Estimate, contact_of
 from octo_arm_model.estimation.estimator import Estimator, Filter
 from octo_arm_model.estimation.measurements import (
+    BaseWrench,
     Markers,
     TendonDisplacements,
     Tensions,

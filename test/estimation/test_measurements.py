@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model import DistributedLoad, Loads, Material, PointLoad, Solver, displacements_of
 from octo_arm_model.arm.errors import ConfigError, MeasurementError
 from octo_arm_model.arm.loads import ScaledLoads
-from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.measurements import (
+    BaseWrench,
     Curvatures,
     Markers,
     Measurement,

@@ -18,10 +18,9 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.estimation.base_wrench import BaseWrench
 from octo_arm_model.estimation.estimate import contact_of
 from octo_arm_model.estimation.estimator import Estimator
-from octo_arm_model.estimation.measurements import Markers, Tensions, TipPosition
+from octo_arm_model.estimation.measurements import BaseWrench, Markers, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
