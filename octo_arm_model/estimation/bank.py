@@ -14,7 +14,8 @@ probable one is solved, which may make it less so; then that of the next one, wh
 
 If a hypothesis doubts a load cell whose tension no other measurement determined yet, as at the
 start, the arm may be far from all solved shapes. There a linear update says nothing about the
-hypothesis. It is open: it keeps its prior as its covariance until the search for its shape.
+hypothesis. It is open: it keeps its prior as its covariance until the search for its shape. So is
+the hypothesis that doubts nothing while all load cells are doubted, as tensions drift then.
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ class Bank(NamedTuple):
         leader: index of the most probable one, whose state is published.
         heard: sensors other than load cells that have measured so far.
         agreement: agreement of the leader, see `Agreement`.
-        is_open: which doubt a load cell, and are not compared near their own shape yet.
+        is_open: which are not compared near their own shape yet: they doubt a load cell, or use
+            all of them again.
     """
 
     doubts: tuple[Doubts, ...]
@@ -229,11 +231,11 @@ class BankFilter:
         return bank, update, exact[best].prediction
 
     def _nearest(self, bank: Bank, number: int, rows: Rows, near: Prediction) -> Prediction:
-        """Return the best of ``near`` and states with some values of the doubted tension."""
+        """Return the best of ``near`` and states with some values of a doubted tension."""
         doubted = [self._tension[name] for name in bank.doubts[number] & self._cells]
         x = nearest_possible(self._model, bank.hypothesis(number))
         best, least = near, square_of(rows.innovation(near), rows.noise_root)
-        for fraction in _START_FRACTIONS:
+        for fraction in _START_FRACTIONS[: None if doubted else 1]:
             x = x.copy()
             x[doubted] = fraction * self._prior[doubted]
             try:
@@ -342,7 +344,16 @@ class BankFilter:
             return bank
         mean, covariance, leader = bank.mean.copy(), bank.covariance.copy(), bank.leader
         mean[is_lost], covariance[is_lost] = mean[leader], covariance[leader]
-        return self._widened(bank._replace(mean=mean, covariance=covariance), is_lost)
+        bank = bank._replace(mean=mean, covariance=covariance)
+        if doubts == self._cells:
+            # Tensions drifted, so that the shape by the load cells may be far from the leader's.
+            # What contradicted the states before does not count against the new ones.
+            most = np.where(is_lost, CONTRADICTED, np.inf)
+            bank = bank._replace(
+                contradiction=np.minimum(bank.contradiction, most),
+                is_open=bank.is_open | (is_lost & [not names for names in bank.doubts]),
+            )
+        return self._widened(bank, is_lost)
 
     def doubted_and_suspects(
         self, bank: Bank, *, is_common: bool

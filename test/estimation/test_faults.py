@@ -32,6 +32,7 @@ bench_of = functools.cache(Bench)
         pytest.param(Case(ARM, 'x 5', 4, 'both', 50.0), marks=pytest.mark.endurance),
         pytest.param(Case(ARM, 'base offset', 0, 'both', 20.0), marks=pytest.mark.endurance),
         pytest.param(Case(ARM, 'all cells x 1000'), marks=pytest.mark.endurance),
+        pytest.param(Case(ARM, 'all cells x 1000', rate=50.0), marks=pytest.mark.endurance),
     ],
 )
 def test_a_sensor_that_lies_is_named_at_once_and_believed_again(case):
