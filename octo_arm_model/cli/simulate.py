@@ -83,14 +83,15 @@ def run(options: argparse.Namespace) -> None:
                 motion = add_motion(writer, config, parameters, moments)
     elapsed = time.monotonic() - start
     around, what = config.loads.obstacles, options.profile
-    for path, write in (
-        (options.csv, lambda place: write_motion_csv(place, motion, config.arm.tendon_names)),
-        (options.plot, lambda place: draw_motion(place, motion, what, around)),
-        (options.animate, lambda place: animate(place, motion, options.rate, what, around)),
-    ):
-        if path is not None:
-            with writing(path) as place:
-                write(place)
+    if options.csv is not None:
+        with writing(options.csv) as place:
+            write_motion_csv(place, motion, config.arm.tendon_names)
+    if options.plot is not None:
+        with writing(options.plot) as place:
+            draw_motion(place, motion, what, around)
+    if options.animate is not None:
+        with writing(options.animate) as place, Bar('frames') as bar:
+            animate(place, motion, options.rate, what, around, bar)
     tip = ', '.join(f'{1e3 * c:.2f}' for c in motion[-1].backbone.tip)
     fastest = max(float(np.linalg.norm(one.tip_velocity)) for one in motion)
     print(f'{motion[-1].time:.4g} s simulated in {elapsed:.4g} s')

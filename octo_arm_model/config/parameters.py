@@ -47,13 +47,13 @@ class DiagnosticLimits(ParameterGroup):
 
 
 _LAWS = ', '.join(f'{name} ({law.meant_for})' for name, law in LAWS.items())
-_MODELS = f'{", ".join(MODELS[:-1])} or {MODELS[-1]}'
+_MODELS = f'one of {", ".join(MODELS)}'
 _WATERS = ' or '.join(WATERS)
 
 # The grammar is that of `read_table`.
 _TABLE = f"""\
-model | string | {DEFAULT_MODEL!r} | {_MODELS}
-    model of the statics: {_MODELS}
+model | string | {DEFAULT_MODEL!r} | {_MODELS} | choice
+    model of the statics
 stations | integer | {DEFAULT_STATIONS} | 2 and 1 for each anchorage and load, to {MAX_STATIONS}
     stations along the backbone, anchorages and loads among them; at most {MAX_STATIONS}
 base_frame | string | 'arm_base'

@@ -233,8 +233,12 @@ def animate(
     rate: float,
     title: str,
     obstacles: Sequence[Obstacle] = (),
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Draw ``moments`` one after the other at a ``rate`` [Hz] into a GIF file."""
+    """Draw ``moments`` one after the other at a ``rate`` [Hz] into a GIF file.
+
+    After every frame ``progress`` gets the number of frames drawn and of all.
+    """
     from matplotlib.animation import FuncAnimation, PillowWriter
     from matplotlib.figure import Figure
 
@@ -249,7 +253,12 @@ def animate(
         line.set_data_3d(*moments[number].backbone.position.T)
         space.set_title(f'{title}, {moments[number].time:.2f} s')
 
-    FuncAnimation(figure, show, len(moments)).save(path, PillowWriter(round(rate)), dpi=80)
+    show(0)
+    figure.draw_without_rendering()
+    figure.set_layout_engine('none')  # one layout is for all frames
+    moving = FuncAnimation(figure, show, len(moments))
+    writer = PillowWriter(round(rate))
+    moving.save(path, writer, dpi=80, progress_callback=lambda n, total: progress(n + 1, total))
 
 
 def _frame(space: Any, moments: Sequence[Moment], obstacles: Sequence[Obstacle]) -> None:

@@ -311,6 +311,8 @@ def test_parameters_that_cannot_be_are_refused_and_all_goes_on(client):
         assert not done and words in why
     done, why = client.change(tension_stddev=1e-20)
     assert not done and 'differ by more than numbers resolve' in why
+    done, why = client.change(model='octopus')
+    assert not done and why == "model is 'octopus', expected one of renda2012, closed_form, exact"
     client.measure([1000.0])
 
 
