@@ -16,9 +16,9 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_620,
+    'octo_arm_model': 44_630,
     'octo_arm_model/analysis': 1_600,
-    'octo_arm_model/apps': 460,
+    'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_490,
     'octo_arm_model/bags': 2_590,
     'octo_arm_model/cli': 2_980,
@@ -27,11 +27,11 @@ MOST = {
     'octo_arm_model/experiment': 6_020,
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_210,
-    'octo_arm_model/ros': 4_800,
+    'octo_arm_model/ros': 4_810,
     'octo_arm_model/simulation': 2_230,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_380,
-    'test': 24_390,
+    'test': 24_400,
 }
 
 
