@@ -163,8 +163,8 @@ def csv_frames(
         names = [[f'{name}_{axis}' for axis in 'xyz'] for name in used]
     columns = [table.find(name) for point in names for name in point]
     units = [table.columns[number].unit for number in columns if isinstance(number, int)]
-    if measured.unit != MarkerSources.unit and units and all(units):
-        said = ' and '.join({*units})
+    if measured.unit != MarkerSources.unit and all(units) and {*units} - {measured.unit}:
+        said = ' and '.join(sorted({*units}))
         raise MeasurementError(f'--length-unit has no effect on {table.path}: it has {said}')
     places = np.stack([_point(table, name, measured.unit) for name in names], axis=1)
     grouped = list(zip(stamps, places))

@@ -34,6 +34,7 @@ from octo_arm_model.arm import limits
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.csv_recording import CsvSources
 from octo_arm_model.experiment.read_recording import read_recording
+from octo_arm_model.experiment.recording import MarkerSources
 
 ARM = ['--config', 'renda2012_prototype', '--model', 'exact', '--align', 'none']
 CONFIG = Config.from_parameters({**PARAMETERS, 'model': 'exact'})
@@ -493,7 +494,9 @@ def test_tables_are_read_as_programs_write_them(head, row, columns, tmp_path):
     loads.write_text(head.format(*TENDONS) + '\n'.join(rows) + '\n', encoding='utf-8')
     track.write_text('time,x_mm,y_mm,z_mm\n0,250,10,0\n1,250,10,1\n2,0,0,0\n')
     files = CsvSources(loads, track, columns={f'tension:{k}': v for k, v in columns.items()})
-    found = read_recording(None, 'renda2012_prototype', files=files)
+    # --length-unit may say again what a header says.
+    millimetres = MarkerSources(unit='mm')
+    found = read_recording(None, 'renda2012_prototype', measured=millimetres, files=files)
     assert_allclose(found.tension_time, [0.0, 1.0, 2.0], atol=1e-9)
     assert_allclose(found.tensions, [[1, 0, 0, 0], [2, 0, 0, 0], [3, 0, 0, 0]])
     assert_allclose(found.frames[0], [[0.25, 0.01, 0.0]])
