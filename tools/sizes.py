@@ -24,7 +24,7 @@ MOST = {
     'octo_arm_model/cli': 2_980,
     'octo_arm_model/config': 1_750,
     'octo_arm_model/estimation': 3_670,
-    'octo_arm_model/experiment': 6_020,
+    'octo_arm_model/experiment': 6_030,
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_210,
     'octo_arm_model/ros': 4_810,

@@ -260,7 +260,7 @@ def opened(
     calibration: Mapping[str, Any],
     columns: Mapping[str, str],
     marker_names: tuple[str, ...] = (),
-    to_base: Callable[[FloatArray], FloatArray] = np.asarray,
+    to_base: Callable[[FloatArray], FloatArray] | None = None,
 ) -> Iterator[BagReader]:
     """Open the bag at ``path``, or a temporary bag made from the table there, which ends in .csv.
 
@@ -271,7 +271,8 @@ def opened(
         calibration: parameters of load cells and encoders that replace those.
         columns: columns of a table by quantity.
         marker_names: names of the markers at estimator.marker_s in a table.
-        to_base: transforms points (..., 3) [m] of a table to base_frame.
+        to_base: transforms points (..., 3) [m] of a table to base_frame; None leaves them out, as
+            nothing says what frame they are in.
 
     Raises:
         BagError: if there is no such bag, or ``columns`` are given for a bag.
@@ -312,7 +313,7 @@ def _write(
     parameters: dict[str, Any],
     columns: Mapping[str, str],
     marker_names: tuple[str, ...],
-    to_base: Callable[[FloatArray], FloatArray],
+    to_base: Callable[[FloatArray], FloatArray] | None,
 ) -> list[str]:
     """Write the bag of a table; return remarks on rows that were left out."""
     arm_values = {name: value for name, value in parameters.items() if not name.startswith(PREFIX)}
@@ -340,7 +341,8 @@ def _write(
         if has_encoders:
             lengths = csv_recording.csv_displacements(table, config, refusals)
             messages.add_all(DISPLACEMENTS, lengths.stamps, lengths.rows)
-        if csv_recording.has_points(table, measured):
+        has_points = csv_recording.has_points(table, measured)
+        if has_points and to_base is not None:
             points = MeasuredPoints(measured, config.arm.length)
             frames = csv_recording.csv_frames(table, measured, points, refusals)
             for stamp, row in zip(frames.stamps, map(to_base, frames.rows)):
@@ -350,4 +352,7 @@ def _write(
                     messages.add(TIP_POSE, stamp, row, LEVEL, np.zeros((6, 6)))
         check_columns(columns, {'': table})
         messages.write()
+    if has_points and to_base is None:
+        left_out = f'the points of {path.name} are left out, as their frame is not known'
+        return [*refusals.lines(), f'{left_out}: `octo-arm compare --pose-csv` fits it']
     return refusals.lines()

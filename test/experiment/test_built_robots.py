@@ -209,9 +209,14 @@ def test_a_table_of_poses_without_time_or_header_is_compared_and_replayed(tmp_pa
         )
     )
     assert len(errors) == len(PULLS) and max(errors) < 0.2
-    assert cli(f'replay {table} {out} --config {config} {columns}')[0] == 0
+    named = tmp_path / 'named.csv'
+    named.write_text('l,x_mm,y_mm,z_mm\n' + table.read_text().replace(';', ','))
+    status, said, _ = cli(f'replay {named} {out} --config {config} {columns}')
+    # Nothing says that these points are in base_frame, as those of the new bag are.
+    assert status == 0 and 'the points of named.csv are left out' in said
     with BagReader(out) as reader:
         assert reader.count(['/backbone/path']) == len(PULLS)
+        assert not {'/measured/midline', '/measured/tip_pose'} & {*reader.topics}
 
 
 def test_a_table_is_estimated_as_a_bag_is(tmp_path, cli, poses):
