@@ -35,6 +35,7 @@ _HEADER = re.compile(
     r'^(.*?)(?:\s*[\[(]([^\[\]()]*)[\])]|[_ ]'
     r'(ms|us|\u00b5s|\u03bcs|ns|mN|kN|gf|kgf|kg|lbf|mm|cm|mA|deg|rad))$'
 )
+_COMMENT = re.compile(r'#(?=\s*[^\W\d])')  # before the first name
 _FIRST = re.compile(r'^.*[^\s,;].*$', re.MULTILINE)  # a line with more than separators
 _MISSING = ('', 'nan', 'NaN', 'NAN')
 _EXPECTED = (
@@ -127,7 +128,11 @@ class CsvTable:
                     f'{self.path}: no column {header}, expected #1 to #{len(self.columns)}'
                 )
             return int(header[1:]) - 1
-        for texts in ([col.text for col in self.columns], [col.name for col in self.columns]):
+        for texts in (
+            [column.text for column in self.columns],
+            [column.name for column in self.columns],
+            [f'{column.name} [{column.unit}]' for column in self.columns],
+        ):
             if (count := texts.count(header)) > 1 and header:
                 raise MeasurementError(
                     f'{self.path}: {count} columns {shown(header)}; say which by its number, as '
@@ -136,8 +141,15 @@ class CsvTable:
             if count:
                 return texts.index(header)
         name, unit = _split(header)
-        index = self._index(name) if unit else None
+        # Names of columns in other files may end as 'time_ms' does: only brackets say a unit.
+        index = self._index(name) if unit and header.endswith((']', ')')) else None
         return index if index is None or self.columns[index].unit in ('', unit) else None
+
+    def _unit(self, name: str, index: int) -> str:
+        """Return the unit of a column by its header or by ``given``, '' if neither says it."""
+        said = _split(self.given[name])[1] if name in self.taken else ''
+        unit = self.columns[index].unit or said
+        return _IN_WORDS.get(unit, unit)
 
     @property
     def listing(self) -> str:
@@ -165,8 +177,7 @@ class CsvTable:
             )
         if isinstance(index, float):
             return np.full(len(self.rows), index)
-        unit = self.columns[index].unit or _split(self.given.get(name, ''))[1] or default
-        unit = _IN_WORDS.get(unit, unit)
+        unit = self._unit(name, index) or default
         if unit not in units and not is_scaled:
             raise MeasurementError(
                 f'{self.path}: {name} is in {shown(unit)}, expected {" or ".join(units)}'
@@ -203,9 +214,11 @@ class CsvTable:
         fine = np.abs(seconds) < 2.0**31
         if not fine.all():
             n = int(np.argmin(fine))
-            second, header = float(seconds[n]), self.given.get('time', 'time')
+            second, hint = float(seconds[n]), ''
             unit = next((one for one, factor in TIME.items() if abs(second) * factor < 2**31), '')
-            hint = f'; in {unit}? then say --columns "time={header} [{unit}]"' if unit else ''
+            if unit and isinstance(index, int) and not self._unit('time', index):
+                header = self.given['time'].strip() if 'time' in self.taken else 'time'
+                hint = f'; in {unit}? then say --columns "time={header} [{unit}]"'
             raise MeasurementError(
                 f'{self.path}, line {self.lines[n]}: time is {second!r} s, '
                 f'expected a time below 2147483648 s{hint}'
@@ -231,14 +244,16 @@ def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> Csv
 
     Fields are separated by commas, semicolons or tabs, whichever is in the header, or by blanks
     in a file without these. There may be no header, or one of several lines: names above each
-    other are joined, and the last line may have units. Exports of Motive and Vicon are recognised
-    by their first line; their columns become <marker>_x, <marker>_y and <marker>_z, and time.
+    other are joined, and the last line may have units; # before the first name is left out.
+    Exports of Motive and Vicon are recognised by their first line; their columns become
+    <marker>_x, <marker>_y and <marker>_z, and time.
 
     Raises:
         MeasurementError: if it cannot be read, is too large, or a row is too short or long.
     """
     with reading(path, MeasurementError):
-        text = read_text(path, MAX_CSV_BYTES).removeprefix('#')
+        text = read_text(path, MAX_CSV_BYTES)
+    text = text[1:] if _COMMENT.match(text) else text
     head = _FIRST.search(text)
     separators = [one for one in ',;\t' if one in text]
     separator = max(separators or ' ', key=head[0].count) if head else ','

@@ -458,6 +458,11 @@ TRACK = 'time,x,y,z\n0,0,0,0\n'
         ),
         (LOADS + '1.2.24,0,0,0,0\n', TRACK, 'finite number [s] or a time such as 2024-05-02T10:1'),
         (LOADS + '17e17,0,0,0,0\n', TRACK, 'in ns? then say --columns "time=time [ns]"'),
+        (
+            LOADS.replace('time', 'time_us') + '17e17,0,0,0,0\n',
+            TRACK,
+            'a time below 2147483648 s\n',
+        ),
         ('time,tendon_1_1_mA\n0,1\n', TRACK, "tendon_1_1 is in 'mA', expected N or mN or kN"),
     ],
 )
@@ -486,6 +491,16 @@ TENDONS = ('tendon_1_1', 'tendon_1_2', 'tendon_1_3', 'tendon_1_4')
             {'time': '#1 [ms]', 'tendon_1_1': '#2'} | dict.fromkeys(TENDONS[1:], '0'),
         ),
         ('time,{0},{1},{2},{3}\n', '1970/01/01 00:00:0{0}.5,{1},0,0,0', {}),
+        (
+            '# 0,1,2,3,4\n',
+            '{0},{1},0,0,0',
+            {'time': '#1'} | dict(zip(TENDONS, '#2 #3 #4 #5'.split())),
+        ),
+        (
+            'time,{0},{0},{1},{2},{3}\ns,g,N,N,N,N\n',
+            '{0},7,{1},0,0,0',
+            {TENDONS[0]: TENDONS[0] + ' [N]'},
+        ),
     ],
 )
 def test_tables_are_read_as_programs_write_them(head, row, columns, tmp_path):
@@ -501,6 +516,18 @@ def test_tables_are_read_as_programs_write_them(head, row, columns, tmp_path):
     assert_allclose(found.tensions, [[1, 0, 0, 0], [2, 0, 0, 0], [3, 0, 0, 0]])
     assert_allclose(found.frames[0], [[0.25, 0.01, 0.0]])
     assert '1 of 3 frames on' in found.notes[0] and 'at exactly 0, 0, 0' in found.notes[0]
+
+
+def test_a_unit_in_the_name_of_a_column_is_that_of_this_column_alone(tmp_path):
+    loads, track = tmp_path / 'loads.csv', tmp_path / 'track.csv'
+    loads.write_text('time,tendon_1_1\n0,1\n1,2\n')
+    track.write_text('time_ms,x,y,z\n500,0.25,0,0\n1000,0.25,0,0\n')
+    columns = {'time': 'time_ms'} | dict.fromkeys(TENDONS[1:], '0')
+    files = CsvSources(loads, track, columns=columns)
+    found = read_recording(None, 'renda2012_prototype', files=files)
+    assert_allclose(found.tension_time, [0.0, 1.0])
+    assert_allclose(found.tensions[:, 0], [1.0, 2.0])
+    assert_allclose(found.frame_time, [0.5, 1.0])
 
 
 def test_a_table_is_told_how_it_is_given(tmp_path, cli):
