@@ -174,9 +174,11 @@ def _construct_int(loader: _Loader, node: yaml.Node) -> int:
     digits = text.lstrip('+-')
     is_octal = len(digits) > 1 and digits.isdigit() and digits[0] == '0'
     try:
-        return int(text, 8 if is_octal else 0)
-    except ValueError:  # Python limits the number of digits
+        value = int(text, 8 if is_octal else 0)
+        str(value)  # Python limits the number of decimal digits, which errors show.
+    except ValueError:
         raise _problem(f'{shown(text)} is no integer', node.start_mark) from None
+    return value
 
 
 def _construct_float(loader: _Loader, node: yaml.Node) -> float:

@@ -132,8 +132,8 @@ class Parameter:
         return self._refuse(value)
 
     def _refuse(self, value: object, what: str = '') -> Any:
-        if self.type_name.endswith('[]') and isinstance(value, (int, float)):
-            what = f', as [{value}]'
+        if self.is_array and type(value) in (self.kind, *(int,) * (self.kind is float)):
+            what = f', as [{shown(value)}]'
         raise ConfigError(f'{self.name} is {shown(value)}, expected {self.type_name}{what}')
 
 

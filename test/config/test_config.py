@@ -20,7 +20,12 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.config.parameter import read_table
-from octo_arm_model.config.parameter_files import parameters_as_yaml, parse_parameters, preset_path
+from octo_arm_model.config.parameter_files import (
+    load_parameters,
+    parameters_as_yaml,
+    parse_parameters,
+    preset_path,
+)
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.simulation.simulator import PARAMETERS as SIMULATOR_PARAMETERS
 
@@ -218,6 +223,20 @@ def test_a_bad_value_is_named_with_what_was_expected(tmp_path, old, new, message
     assert isinstance(refusal.value, OctoArmError)
 
 
+@pytest.mark.parametrize(
+    ('name', 'value', 'expected'),
+    [
+        ('sections.anchorage', True, 'double[]'),
+        ('sections.tendons', 4.5, 'integer[]'),
+        ('tension_names', 'a', "string[], as ['a']"),
+    ],
+)
+def test_a_list_of_a_value_is_proposed_where_it_is_one(name, value, expected):
+    with pytest.raises(ConfigError) as refusal:
+        Config.from_parameters(load_parameters('renda2012_table4') | {name: value})
+    assert str(refusal.value) == f'{name} is {value!r}, expected {expected}'
+
+
 def _doubling(kind: str) -> str:
     """A YAML document of 40 lines with 2^40 values when aliases are expanded."""
     lines = ['a0: &a0 {k: 1}']
@@ -251,6 +270,7 @@ def _length(text: str) -> str:
         (_length('!!python/object:os.system x'), ', line 16: not valid Y'),
         (changed('    stations: 101', '    stations: 1\n    stations: 2'), "'stations' is given"),
         (_length('0.45\n      length: 0.5'), "'length' is given twice"),
+        (_length('0x' + 'F' * 6000), 'is no integer'),
         (GOOD + GOOD, "not valid YAML, '/**' is given twice"),
         (changed('    body:', '    body.length: 0.9\n    body:'), 'body.length is given twice'),
         *(
