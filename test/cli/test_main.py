@@ -212,6 +212,15 @@ def test_loads_and_material_may_be_said_on_the_command_line(cli, table4):
     assert shape['iterations'] == int(expected.iterations) > 0
 
 
+def test_an_arm_of_the_water_may_be_in_air(cli, tmp_path):
+    file, water = tmp_path / 'arm.yaml', {'loads.fluid_density': 1e3, 'motion.water': 'cylinder'}
+    file.write_text(parameters_as_yaml(load_parameters('renda2012_table4') | water))
+    said = ['--json', *'--model exact --gravity 0 0 -9.81 --density 1080'.split()]
+    air = cli.json(*SOLVE, TENSIONS, *said)
+    again = cli.json('solve', file, *SOLVE[2:], TENSIONS, *said, '--fluid-density', '0')
+    assert again['position'] == air['position']
+
+
 def test_a_wrench_in_the_axes_of_the_tip_turns_with_it(cli, table4):
     given = '--tip-force 0.001 0.004 0 --tip-moment 0 -1e-5 0 --model exact'.split()
     shape = cli.json(*SOLVE, TENSIONS, '--json', *given, '--tip-frame', 'tip')
