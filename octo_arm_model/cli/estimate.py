@@ -376,7 +376,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Estimate from the measurements in the bag, and print and write the results."""
-    from octo_arm_model.experiment.bag_recording import as_described
     from octo_arm_model.experiment.bag_recording import opened as open_bag
     from octo_arm_model.experiment.estimates import EstimateTables, estimate
     from octo_arm_model.experiment.sensor_recording import read_sensor_recording
@@ -400,14 +399,11 @@ def run(options: argparse.Namespace) -> int:
             reader = resources.enter_context(
                 open_bag(options.bag, table, sources.calibration, columns, names, to_base)
             )
+            notes = list[str]()
             if is_table:
-                described = as_described({**(sources.parameters or {}), **sources.calibration})
-                sources = dataclasses.replace(
-                    sources, parameters=described, calibration={}, marker_names=(), alignment=None
-                )
+                sources, notes = _of_table(sources, reader)
             recorded = read_sensor_recording(reader, sources, bar.on_terminal)
-            if is_table and options.align is None:
-                recorded.notes.append('points of a table are in base_frame, or say --align')
+            recorded.notes.extend(notes)
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
         _refuse_idle(options, sensors, recorded.settings.unknowns)
         if recorded.camera is None:
@@ -453,6 +449,20 @@ def _sources(options: argparse.Namespace) -> Sources:
         options.clock_offset,
         tuple(options.marker_names),
     )
+
+
+def _of_table(sources: Sources, reader: BagReader) -> tuple[Sources, list[str]]:
+    """Return the ``sources`` of the bag that a table became, and remarks on its points."""
+    from octo_arm_model.bags.topics import MIDLINE
+    from octo_arm_model.experiment.bag_recording import as_described
+
+    described = as_described({**(sources.parameters or {}), **sources.calibration})
+    sources = dataclasses.replace(sources, parameters=described, calibration={}, marker_names=())
+    if reader.topics.keys().isdisjoint(f'/{name}' for name in (TIP_POSE, MARKERS, MIDLINE)):
+        return sources, []
+    notes = [] if sources.alignment else ['points of a table are in base_frame, or say --align']
+    # The points are in base_frame by now.
+    return dataclasses.replace(sources, alignment=None), notes
 
 
 def _bag_output(

@@ -244,6 +244,10 @@ def test_a_table_is_estimated_as_a_bag_is(tmp_path, cli, poses):
     assert len(lines) == 1 + len(PULLS)
     wanted = 'tme, which is not read here; expected names of'
     assert wanted in cli.refused(f'{command} --columns tme=x')
+    np.savetxt(table, content[:, :4], delimiter=',', header=names, comments='')
+    command = command.replace('--tip-position-stddev 1e-3 ', '')
+    assert not any('points' in note for note in cli.json(command)['notes'])
+    assert '--align has no effect' in cli.refused(f'{command} --align 0 0 1 1 0 0 0')
 
 
 # A tube of nitinol, straight as its catalogue has it, with three tendons in discs ----------------
