@@ -219,10 +219,10 @@ class BankFilter:
             if not is_open.any() or self._work.evaluations < _SEARCH_EVALUATIONS:
                 break
             best = int(is_open.argmax())
-        # What is open still keeps its prior.
-        update.mean[is_open] = bank.mean[is_open]
-        update.covariance[is_open] = bank.covariance[is_open]
-        update.is_used[is_open], update.cost[is_open] = False, 0.0
+        # What is open still, or has no shape that was found, keeps its prior.
+        same = is_open | (bank.is_open & np.isinf(total))
+        update.mean[same], update.covariance[same] = bank.mean[same], bank.covariance[same]
+        update.is_used[same], update.cost[same] = False, 0.0
         total += update.cost
         best = min(exact, key=lambda number: float(total[number]))
         bank = _updated(bank, update)._replace(
