@@ -58,8 +58,13 @@ def params_file(context: LaunchContext) -> str:
 
 
 def base_frame(context: LaunchContext) -> str:
-    """Return the frame that the arm is expressed in."""
-    return value_of('base_frame', context) or load_config(params_file(context)).base_frame
+    """Return the frame that the arm is expressed in, or '' if no RViz is to show it.
+
+    The node alone can read files of several nodes, whose frame is not known here.
+    """
+    if (frame := value_of('base_frame', context)) or not is_true('rviz', context):
+        return frame
+    return load_config(params_file(context)).base_frame
 
 
 def text(name: str) -> ParameterValue:

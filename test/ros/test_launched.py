@@ -68,6 +68,16 @@ def test_what_is_given_overrides_the_file_and_what_is_not_leaves_it_alone():
     assert (given['model'], given['frame_prefix']) == ('exact', '1_')
 
 
+def test_the_node_finds_itself_in_a_file_of_several(tmp_path):
+    file = tmp_path / 'arms.yaml'
+    text = (ROOT / 'config' / 'renda2012_table4.yaml').read_text()
+    file.write_text(
+        ''.join(text.replace('/**', f'/{side}/octo_arm') for side in ('left', 'right'))
+    )
+    ((key, _),) = started('octo_arm', params_file=str(file), namespace='left').items()
+    assert key == ('octo_arm_node', '/left')
+
+
 @pytest.mark.parametrize('launch', ['octo_arm', 'simulation', 'octopus'])
 def test_a_preset_is_taken_by_its_name(launch):
     nodes = started(launch, params_file='renda2012_table2')
