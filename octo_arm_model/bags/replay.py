@@ -31,8 +31,6 @@ from octo_arm_model.wire.backbone import (
 from octo_arm_model.wire.messages import Refusals
 
 _LISTED = 100  # messages left out that are listed for each topic; all are counted
-
-
 _KNOWN = np.zeros((6, 6))  # covariance of the tip of an arm without uncertainty
 
 

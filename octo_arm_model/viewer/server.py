@@ -139,10 +139,9 @@ class Guard:
 
     def _log(self, record: logging.LogRecord) -> bool:
         error = record.exc_info[1] if record.exc_info else None
+        # A peer left without a whole request, as browsers leave spare connections.
         if isinstance(getattr(error, '__cause__', None), EOFError):
-            return (
-                False  # a peer left without a whole request, as browsers leave spare connections
-            )
+            return False
         why = f': {str(error or type(error).__name__)[:80]!r}' if error else ''
         self.refusals.add(f'{record.getMessage()}{why}')
         return False

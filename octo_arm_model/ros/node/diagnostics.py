@@ -216,13 +216,10 @@ class Diagnostics:
             problems = [self._idle]
         else:
             problems = self._inputs.silent(self._limits.silence_limit, self.is_used)
-        now, is_simulated = (
-            1e-9 * self.clock.now_ns,
-            self._node.get_parameter('use_sim_time').value,
-        )
+        now, is_simulated = 1e-9 * self.clock.now_ns, self._node.get_parameter('use_sim_time')
         if not now:
             problems.append(NO_TIME)
-        elif is_simulated and self._node.count_publishers('/clock') > 1:
+        elif is_simulated.value and self._node.count_publishers('/clock') > 1:
             problems.append('several sources: several publishers on /clock')
         if lately['refused']:
             problems.append(f'{lately["refused"]} refused: {self._reason}')
