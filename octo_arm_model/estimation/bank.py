@@ -208,7 +208,8 @@ class BankFilter:
                     is_alone = len(bank.doubts) == 1
                     update = solved if is_alone else self._linearised(bank, rows, prediction)
                 update.put([best], solved)
-            best = int((total + update.cost).argmin())
+            # A cost that overflowed is no reason to solve again what has no shape.
+            best = int(np.where(np.isinf(total), np.inf, total + update.cost).argmin())
             if best not in exact and not (exact and (is_lost or not self._work.is_left)):
                 continue
             # Then those of the open ones whose shapes are far from that.
