@@ -197,8 +197,8 @@ def check_together(parameters: Sequence[Parameter], values: Values) -> None:
     """Check that no value has no effect beside the others; one as by default is not given.
 
     Raises:
-        ArmDefinitionError: if a parameter is given that another one replaces, or without those
-            that it needs.
+        ConfigError: if a parameter is given that another one replaces, or without those that it
+            needs.
     """
     given = {
         parameter.name
@@ -210,8 +210,9 @@ def check_together(parameters: Sequence[Parameter], values: Values) -> None:
         if parameter.needs and given.isdisjoint(parameter.needs):
             why.append(f'without {" or ".join(parameter.needs)}')
         if parameter.name in given and why:
-            value = values[parameter.name]
-            raise ArmDefinitionError(parameter.name, value, f'no value {why[0]}')
+            value, none = shown(values[parameter.name]), parameter.default_or_none_given
+            expected = f'{list(none) if parameter.is_array else none!r} or no value {why[0]}'
+            raise ConfigError(f'{parameter.name} is {value}, expected {expected}')
 
 
 def check_length(name: str, column: Sequence[Any], count: int, what: str) -> None:
