@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _SENSORS = ('displacement', 'marker', 'tip_', 'base_')
 _APART = ('contact', 'contact_s', 'window')  # set by another option, or used by the node only
 TENSIONS = 'tensions'
-# The sensors that options apply to, by the prefixes of their names, and the contacts.
+# The sensors that options apply to, by the prefixes of their names.
 _OF_SENSOR = {
     'tendons': TENSIONS,
     'tension_stddev': TENSIONS,
@@ -45,12 +45,6 @@ _OF_SENSOR = {
     f'{PREFIX}marker': MARKERS,
     f'{PREFIX}tip': TIP_POSE,
     f'{PREFIX}base': BASE_WRENCH,
-}
-_OF_CONTACT = {
-    f'{PREFIX}force_stddev': ('tip', 'at', 'somewhere', 'current'),
-    f'{PREFIX}moment_stddev': ('tip',),
-    f'{PREFIX}current_stddev': ('current',),
-    f'{PREFIX}change_time': ('somewhere',),
 }
 # Options for standard deviations that are parameters of the arm.
 _OF_ARM = {
@@ -109,15 +103,14 @@ def _refuse_idle(
 
     ``sensors`` are those with measurements: `TENSIONS`, and names in `MEASUREMENT_TOPICS`.
     """
-    (contact, first), *others = unknowns.items()
-    contact = 'somewhere' if others else contact
+    first = next(iter(unknowns.values()))
     for name in sorted(options.given):
         why = ''
         for prefix, sensor in _OF_SENSOR.items():
             if name.startswith(prefix) and sensor not in sensors:
                 why = f'without {sensor}; there are {", ".join(sensors)}'
-        if contact not in _OF_CONTACT.get(name, CONTACTS):
-            why = f'with --contact {contact}'
+        if name == f'{PREFIX}force_stddev' and list(unknowns) == ['none']:
+            why = 'with --contact none'
         if name == f'{PREFIX}tension_bias_rate' and first.tension_bias is None:
             why = 'without --tension-bias-stddev'
         if why:
@@ -196,8 +189,12 @@ def summary(result: Result, files: Sequence[str]) -> str:
     lines = [*recorded.notes, *recorded.settings.notes]
     lines.append(f'{len(result.moments)} times estimated from {", ".join(recorded.sensors.all)}')
     lines += [_touch(touch) for touch in result.touches]
-    if not result.touches:
-        lines.append('not touched: no force is larger than its uncertainty explains')
+    if list(recorded.settings.unknowns) == ['none']:
+        lines.append('touches are not looked for, with contact none')
+    elif not result.touches:
+        hidden = any('force' in why or 'current' in why for why in result.unobserved)
+        found = 'no touch found, but not all forces are observable' if hidden else 'not touched'
+        lines.append(f'{found}: no force is larger than its uncertainty explains')
     if len(result.hypotheses) > 1:
         parts = [f'{name} {100.0 * mean:.0f} %' for name, mean in result.hypotheses.items()]
         lines.append(f'place of contact, mean probability: {", ".join(parts)}')

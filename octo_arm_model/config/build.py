@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 
 from octo_arm_model.arm.arm import Arm, check_size
 from octo_arm_model.arm.body import Body, GivenStiffness, ProfiledBody, RectangularBody, RestShape
-from octo_arm_model.arm.errors import ConfigError, TensionError, shown
+from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.material import Material
 from octo_arm_model.arm.profile import LINEAR, Constant, Profile, Table
 from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon, check_angle
-from octo_arm_model.arm.validation import positive
+from octo_arm_model.arm.validation import finite
 from octo_arm_model.config.parameter import Values, check_length
 from octo_arm_model.rod.checks import check_tensions
 from octo_arm_model.rod.sensitivity import Uncertainty
@@ -166,7 +166,9 @@ def build_encoders(given: Values, arm: Arm) -> EncoderCalibration:
     if '' in names:
         raise ConfigError(f'displacement_names is {shown(list(names))}, expected names or -')
     for factor in scale:
-        positive('displacement_scale', abs(factor), 'm per unit of the reading')
+        if not finite('displacement_scale', factor):
+            expected = 'a finite number other than 0 [m per unit of the reading]'
+            raise ArmDefinitionError('displacement_scale', factor, expected)
     scale = len(arm.tendons) * scale if len(scale) == 1 else scale
     scaled = {**given, 'displacement_scale': scale}
     check_each(scaled, arm, 'displacement_names', 'displacement_scale', 'displacement_offset')

@@ -26,6 +26,8 @@ RECOVER_AFTER = 1.0  # [s]
 CELL_FAULT, SENSOR_FAULT = 0.1, 0.005
 TURNED = 2.0  # angle by which a tendon turns up to a section whose friction is average [rad]
 PREFIX = 'estimator.'
+# The only contact with which a parameter has an effect.
+_OF_CONTACT = {'moment_stddev': 'tip', 'current_stddev': 'current', 'change_time': 'somewhere'}
 _TENSION = 0.02  # noise of load cells if neither the arm nor the recording states one [N]
 
 
@@ -254,6 +256,12 @@ def _check(options: EstimatorParameters, arm: Arm) -> None:
     contact, positions = options.contact, options.contact_s
     if positions and contact not in ('at', 'somewhere'):
         raise ConfigError(f'estimator.contact_s is given, which goes not with contact {contact}')
+    for name, only in _OF_CONTACT.items():
+        value = getattr(options, name)
+        if contact != only and value != getattr(EstimatorParameters, name):
+            raise ConfigError(
+                f'estimator.{name} is {value:g}, which has no effect with contact {contact}'
+            )
     if contact == 'at' and not positions:
         raise ConfigError('estimator.contact_s is empty, expected where the arm is touched [m]')
     for name, low in (('contact_s', 'over 0'), ('marker_s', 'from 0')):

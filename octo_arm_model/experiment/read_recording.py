@@ -100,7 +100,11 @@ def _check_sources(
     if files.columns and not (files.tensions or files.midlines or files.displacements):
         raise MeasurementError('--columns is given, and no CSV file that it could be of')
     for given, other, file in (
-        (path and has_all, f'a bag, {path}', '--tension-csv and --midline-csv'),
+        (
+            path and has_all,
+            f'a bag, {path},',
+            '--pose-csv' if files.is_poses else '--tension-csv and --midline-csv',
+        ),
         (tensions is not None and files.tensions, '--tensions', '--tension-csv'),
         (
             displacements is not None and files.displacements,

@@ -361,7 +361,7 @@ class Unknowns:
         if of_encoders and not self.taut.any():
             raise ConfigError(
                 f'{of_encoders[0]} shows in encoder readings of tendons under tension, and this '
-                'recording has none: is displacement_offset right?'
+                'recording has none, or displacement_offset makes them slack'
             )
         # Encoder readings are residuals if nothing else depends on the fitted parameters.
         self.reads_encoders = bool(of_encoders) and not readings.are_lengths

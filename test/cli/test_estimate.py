@@ -34,6 +34,13 @@ def test_the_summary_says_when_and_how_hard(cli):
     assert any('tensions are measured to' in line for line in lines)
 
 
+def test_what_cannot_be_seen_is_not_called_untouched(short_bag, cli):
+    given = f'estimate {short_bag} --tip-pose -'
+    words = 'no touch found, but not all forces are observable: no force is larger'
+    assert words in cli(given)[1]
+    assert 'touches are not looked for' in cli(f'{given} --contact none')[1]
+
+
 def test_sensors_of_which_one_may_lie_are_named_as_those_that_are_refused(short_bag, cli):
     # A force that is not expected: the tip lies, and for a while it may as well be a load cell.
     given = f'estimate {short_bag} --cell-fault 0.5 --sensor-fault 0.005 --tension-rate 1'
@@ -153,8 +160,7 @@ def test_tip_poses_alone_do(short_bag, cli):
         ('--tensions - --tension-stddev 1', '--tension-stddev has no effect without t'),
         ('--tensions - --tendons a b c d', '--tendons has no effect without tensions; t'),
         ('--contact none --force-stddev 1', 'no effect with --contact none'),
-        ('--current-stddev 1', '--current-stddev has no effect with --contact tip'),
-        ('--contact at 0.1 --change-time 1', 'no effect with --contact at'),
+        ('--current-stddev 1', 'current_stddev is 1, which has no effect with contact tip'),
         ('--tension-bias-rate 1', 'no effect without --tension-bias-stddev'),
         ('--tensions - --clock-offset 1', '--clock-offset has no effect without --mid'),
     ],

@@ -557,7 +557,8 @@ def test_what_is_read_has_bounds(tmp_path, cli, monkeypatch):
     [
         ([], 'expected a bag, or --midline-csv and --tension-csv or --displacement-csv'),
         (['--tension-csv', 'a', '--midline-csv', 'b'], 'has to be given by --config'),
-        (['bag', '--tension-csv', 'a', '--midline-csv', 'b'], 'a bag, bag and --tension-csv and'),
+        (['bag', '--tension-csv', 'a', '--midline-csv', 'b'], 'a bag, bag, and --tension-csv a'),
+        (['bag', '--pose-csv', 'a'], 'a bag, bag, and --pose-csv are given'),
         (['bag', '--tension-csv', 'a', '--tensions', 't'], '--tensions and --tension-csv are'),
         (['bag', '--midline-csv', 'a', '--midlines', 't'], '--midlines and --midline-csv are'),
         (
