@@ -60,6 +60,7 @@ def test_shapes_of_another_arm_are_refused(wrong):
     [
         ('tension_offset', [0.1], ConfigError, 'tension_offset has 1 values, expected 12'),
         ('tension_offset', 12 * [np.nan], ArmDefinitionError, r'tension_offset\[0\] is nan'),
+        ('displacement_scale', [0.0], ArmDefinitionError, 'is 0.0, expected a .* other than 0'),
         ('tension_scale', 11 * [1.0], ConfigError, 'tension_scale has 11 values, expected 12'),
     ],
 )
