@@ -209,6 +209,8 @@ def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
         arguments.refuse_without_effect(
             options, ('--steady', '--hold', '--settle'), f'with --{option}'
         )
+    if options.pose_csv is not None:  # A row is one measurement: it has one time, if any.
+        arguments.refuse_without_effect(options, ('--clock-offset',), 'with --pose-csv')
     width = None if options.ramp is True else options.ramp
     arguments_of_pairing = options.tolerance, options.clock_offset, options.base_end, kind, width
     return Pairing(steady, *arguments_of_pairing), step

@@ -106,6 +106,7 @@ def test_each_frame_is_that_of_the_pose_of_its_stamp(spacing, late, tmp_path, cl
         (['--poses', '--steady', '0.1'], '--steady has no effect with --poses'),
         (['--poses', '--hold', '1.0'], '--hold has no effect with --poses'),
         (['--ramp', '--settle', '2'], '--settle has no effect with --ramp'),
+        (['--pose-csv', 'a', '--clock-offset', '1'], '--clock-offset has no effect with --pose'),
         (['--ramp', '0.1', '--hold', '2'], '--hold has no effect with --ramp'),
         (['--poses', '--base-end', 'first'], '--base-end has no effect on tips and markers'),
     ],
