@@ -16,12 +16,12 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_680,
+    'octo_arm_model': 44_700,
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_490,
     'octo_arm_model/bags': 2_590,
-    'octo_arm_model/cli': 2_990,
+    'octo_arm_model/cli': 3_020,
     'octo_arm_model/config': 1_750,
     'octo_arm_model/estimation': 3_680,
     'octo_arm_model/experiment': 6_040,
@@ -31,7 +31,7 @@ MOST = {
     'octo_arm_model/simulation': 2_230,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_380,
-    'test': 24_490,
+    'test': 24_510,
 }
 
 

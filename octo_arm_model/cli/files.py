@@ -7,6 +7,7 @@ import itertools
 import os
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +17,7 @@ from octo_arm_model.arm.errors import BagError, ConfigError
 from octo_arm_model.terminal import StatusLine
 
 _WIDTH = 30  # of the bar, in characters
+_SECOND = 1.0  # [s]
 
 
 class Bar(StatusLine):
@@ -25,30 +27,53 @@ class Bar(StatusLine):
         """Count ``things`` on ``stream``, by default standard error."""
         super().__init__(stream or sys.stderr)
         self._things, self._start = things, time.monotonic()
+        self._counts: tuple[int, int] | None = None
+        self._has_ended = threading.Event()
+        self._clock = threading.Thread(target=self._count_seconds, daemon=True)
 
     def __enter__(self) -> 'Bar':
         # It may take a while to count the things, for example the rows of a long table.
         if self.is_terminal:
-            self.show(lambda: f'{self._things}: starting', always=True)
+            self.show(self._state, always=True)
+            self._clock.start()
         return self
+
+    def __exit__(self, *error: object) -> None:
+        self._has_ended.set()
+        if self.is_terminal:
+            self._clock.join()
+        super().__exit__(*error)
+
+    def _count_seconds(self) -> None:
+        """Show the time while one thing takes long, such as a fit."""
+        with contextlib.suppress(BrokenPipeError):  # The next thing done raises it.
+            while not self._has_ended.wait(_SECOND):
+                if self._counts is None or self._counts[0] < self._counts[1]:
+                    self.show(self._state)
 
     def __call__(self, done: int, total: int) -> None:
         """Show that ``done`` of ``total`` things are done."""
-        self.show(lambda: self._state(done, total), always=done == total)
+        self._counts = done, total
+        self.show(self._state, always=done == total)
 
     def on_terminal(self, done: int, total: int) -> None:
         """Show that ``done`` of ``total`` things are done, but only on a terminal."""
         if self.is_terminal:
             self(done, total)
 
-    def _state(self, done: int, total: int) -> str:
+    def _state(self) -> str:
         elapsed = max(time.monotonic() - self._start, 1e-9)
+        if self._counts is None:
+            return f'{self._things}: starting, {elapsed:.0f} s'
+        done, total = self._counts
         rate = done / elapsed
         if done == total:
             return f'{total} {self._things} in {elapsed:.1f} s, {rate:.4g} a second'
         full = _WIDTH * done // total
-        remaining = f'{(total - done) / rate:.0f} s left' if done else 'starting'
-        return f'[{"#" * full}{"." * (_WIDTH - full)}] {done}/{total}, {rate:.4g}/s, {remaining}'
+        pace = f'{elapsed:.0f} s'
+        if done:
+            pace = f'{rate:.4g}/s, {(total - done) / rate:.0f} s left'
+        return f'[{"#" * full}{"." * (_WIDTH - full)}] {done}/{total}, {pace}'
 
 
 _HIDDEN = '.octo_arm.'  # prefix of the temporary folders of unfinished output

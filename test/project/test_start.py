@@ -4,6 +4,7 @@ import ast
 import io
 import json
 import os
+import queue
 import re
 import shlex
 import subprocess
@@ -232,10 +233,28 @@ def test_a_program_ends_quietly_with_the_reader_of_its_output(monkeypatch):
         print('what Python has left to write at exit', flush=True)
 
 
-def test_a_bar_on_a_terminal_says_something_before_it_is_known_how_much_there_is(monkeypatch):
-    stream = io.StringIO()
-    with Bar('messages', stream):
-        assert not stream.getvalue()
-    monkeypatch.setattr(stream, 'isatty', lambda: True)
-    with Bar('messages', stream):
-        assert 'messages: starting' in stream.getvalue()
+class Terminal(io.StringIO):
+    """What is written to a terminal, also as a queue of texts."""
+
+    def __init__(self):
+        super().__init__()
+        self.texts = queue.SimpleQueue()
+
+    def isatty(self):
+        return True
+
+    def write(self, text):
+        self.texts.put(text)
+        return super().write(text)
+
+
+def test_a_bar_on_a_terminal_shows_at_once_and_while_one_thing_takes_long_that_time_goes_on():
+    elsewhere, terminal = io.StringIO(), Terminal()
+    with Bar('messages', elsewhere):
+        assert not elsewhere.getvalue()
+    with Bar('messages', terminal) as bar:
+        assert 'messages: starting, 0 s' in terminal.texts.get()
+        bar(0, 2)
+        for _ in range(2):
+            assert '] 0/2, ' in terminal.texts.get(timeout=60.0)
+    assert terminal.getvalue().endswith('\n')
