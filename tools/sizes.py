@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_700,
+    'octo_arm_model': 44_710,
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_490,
@@ -30,7 +30,7 @@ MOST = {
     'octo_arm_model/ros': 4_810,
     'octo_arm_model/simulation': 2_230,
     'octo_arm_model/viewer': 2_150,
-    'octo_arm_model/wire': 1_380,
+    'octo_arm_model/wire': 1_390,
     'test': 24_510,
 }
 

@@ -54,7 +54,6 @@ class DrivenArm:
 
         The shape is kept if both have the same balance, and tensions if both have the same
         tendons. Return a sentence about each input that is not used any more.
-
         """
         dropped = []
         unknown = [name for name in self.displacements if name not in now.arm.tendon_names]

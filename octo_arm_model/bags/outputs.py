@@ -290,9 +290,8 @@ def estimate_output(
     frame = Config.from_parameters(parameters).base_frame
     writers = {}
     for name, model in models.items():
-        grid, names = model.solver.grid, model.arm.tendon_names
-        shapes = BackboneWriter(frame, model.solver.model, grid.s, grid.section, names)
-        writers[name] = model.arm, shapes, EstimateWriter(frame, model.arm, grid.s)
+        others = EstimateWriter(frame, model.arm, model.solver.grid.s)
+        writers[name] = model.arm, BackboneWriter.of(frame, model.solver), others
     writer.add_text(prefix + DESCRIPTION, parameters_as_yaml(parameters), start_ns)
 
     def write(hypothesis: str, estimate: Estimate, stamp_ns: int, received_ns: int) -> None:
@@ -339,9 +338,8 @@ def add_motion(
         OctoArmError: if the bag cannot be written, or the motion cannot be computed further.
     """
     writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
-    written, exact, solver = list[Moment](), np.zeros((6, 6)), config.solver('exact')
-    grid, names = solver.grid, config.arm.tendon_names
-    layout = BackboneWriter(config.base_frame, solver.model, grid.s, grid.section, names)
+    written, exact = list[Moment](), np.zeros((6, 6))
+    layout = BackboneWriter.of(config.base_frame, config.solver('exact'))
 
     def messages() -> Iterator[Message]:
         for moment in moments:

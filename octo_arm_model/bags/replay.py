@@ -247,10 +247,8 @@ class _Answers:
         self._newest: dict[str, int] = {}
         self._motion = None if step is None else DrivenMotion(config.dynamics(), step)
         self._solver = config.solver() if self._motion is None else self._motion.dynamics.solver
-        self._winding, grid = DrivenArm(), self._solver.grid
-        self._writer = BackboneWriter(
-            config.base_frame, self._solver.model, grid.s, grid.section, self._tendons
-        )
+        self._winding = DrivenArm()
+        self._writer = BackboneWriter.of(config.base_frame, self._solver)
         is_driven = any(source.is_displacements for source in arm.sources)
         is_used = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: is_driven}
         self._answers = [topic for topic in ANSWERS if is_used.get(topic, True)]

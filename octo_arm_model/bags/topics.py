@@ -57,22 +57,22 @@ def of_one_arm(reader: BagReader, named: str | None) -> BagReader:
     if named is None:
         return reader
     topic = reader.full_name(named.partition(':')[0])
-    return reader.offering(topics_of_arm(reader, namespace(topic, _MEASURED)))
+    return in_namespace(reader, namespace(topic, _MEASURED))
 
 
-def topics_of_arm(reader: BagReader, prefix: str) -> dict[str, str]:
-    """Return topics and their types, without those of arms in other namespaces than ``prefix``."""
+def in_namespace(reader: BagReader, prefix: str) -> BagReader:
+    """Return ``reader`` without defaults of arms in other namespaces than ``prefix``."""
     tendons = (*TENSION_TOPICS, DISPLACEMENTS)
     arms = {namespace(name, tendons) for name in reader.topics if names(name, *tendons)}
     if prefix not in arms:
-        return reader.topics
+        return reader.offering(reader.topics)
     selected = {}
     for topic, type_name in reader.topics.items():
         arm = max((name for name in arms if topic.startswith(name)), key=len, default=prefix)
         # A topic of another name without a namespace may be of a camera that sees all arms.
         if arm == prefix or (arm == '/' and not names(topic, *_MEASURED, DESCRIPTION)):
             selected[topic] = type_name
-    return selected
+    return reader.offering(selected)
 
 
 def pick_topic(
@@ -380,8 +380,7 @@ def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
         ConfigError: if there is no description, or it describes no valid arm.
         BagError: if the bag is damaged.
     """
-    of_arm = reader.offering(topics_of_arm(reader, prefix))
-    topics = usual_topics(of_arm, DESCRIPTION, (STRING,))
+    topics = usual_topics(in_namespace(reader, prefix), DESCRIPTION, (STRING,))
     if prefix + DESCRIPTION in topics:
         topics = [prefix + DESCRIPTION]
     if len(topics) != 1:

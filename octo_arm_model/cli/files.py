@@ -17,7 +17,7 @@ from octo_arm_model.arm.errors import BagError, ConfigError
 from octo_arm_model.terminal import StatusLine
 
 _WIDTH = 30  # of the bar, in characters
-_SECOND = 1.0  # [s]
+_PERIOD = 1.0  # [s] between two updates while nothing new is done
 
 
 class Bar(StatusLine):
@@ -47,7 +47,7 @@ class Bar(StatusLine):
     def _count_seconds(self) -> None:
         """Show the time while one thing takes long, such as a fit."""
         with contextlib.suppress(BrokenPipeError):  # The next thing done raises it.
-            while not self._has_ended.wait(_SECOND):
+            while not self._has_ended.wait(_PERIOD):
                 if self._counts is None or self._counts[0] < self._counts[1]:
                     self.show(self._state)
 

@@ -169,13 +169,13 @@ def _find_touches(moments: Sequence[Moment]) -> list[Touch]:
     Moments that are farther apart than `SHORTEST`, as static poses, are touches by themselves.
     """
     parts: list[list[Moment]] = []
-    apart = float(np.median(np.diff([one.time for one in moments]))) if len(moments) > 1 else 0.0
+    period = float(np.median(np.diff([one.time for one in moments]))) if len(moments) > 1 else 0.0
     for moment in moments:
         if moment.is_significant:
-            if not parts or moment.time - parts[-1][-1].time > max(GAP, 1.5 * apart):
+            if not parts or moment.time - parts[-1][-1].time > max(GAP, 1.5 * period):
                 parts.append([])
             parts[-1].append(moment)
-    shortest = SHORTEST if apart < SHORTEST else 0.0
+    shortest = SHORTEST if period < SHORTEST else 0.0
     return [_touch(part) for part in parts if part[-1].time - part[0].time >= shortest]
 
 

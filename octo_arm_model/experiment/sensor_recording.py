@@ -17,7 +17,7 @@ from octo_arm_model.bags.sensor_topics import (
     read_measured,
     read_tension_rows,
 )
-from octo_arm_model.bags.topics import MIDLINE, describe, topics_of_arm, usual_topics
+from octo_arm_model.bags.topics import MIDLINE, describe, in_namespace, usual_topics
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.model import PATIENT, ArmModel
 from octo_arm_model.estimation.settings import PREFIX, EstimatorSettings, TensionStatistics
@@ -138,8 +138,8 @@ def read_sensor_recording(
     if not groups:
         where = ', '.join(sensors.all)
         raise BagError(f'{reader.path}: nothing measured on {where}{refusals.in_short}')
-    of_arm = reader.offering(topics_of_arm(reader, sensors.prefix))
-    topic, usual = sources.midlines, usual_topics(of_arm, MIDLINE, MIDLINES)
+    usual = usual_topics(in_namespace(reader, sensors.prefix), MIDLINE, MIDLINES)
+    topic = sources.midlines
     if topic is None and len(usual) == 1:
         topic = usual[0]
     origin = int(tensions.stamps_ns.min()) if len(time) else groups[0][0].stamp_ns

@@ -1,5 +1,7 @@
 """The messages of a backbone, written and read as bytes without message objects."""
 
+from __future__ import annotations
+
 import struct
 from collections.abc import Iterator, Sequence
 
@@ -8,6 +10,7 @@ import numpy as np
 from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.wire import cdr
 
 # Topics of tendons; the second is written only if some are driven by length.
@@ -59,6 +62,12 @@ class BackboneWriter:
         lengths.sequence(len(tendon_names))
         self._lengths = cdr.Template(lengths)
         self._tensions = cdr.Template(tendon_tensions(frame, tendon_names))
+
+    @classmethod
+    def of(cls, frame_id: str, solver: Solver) -> BackboneWriter:
+        """Return a writer for ``solver``; ConfigError if UTF-8 cannot hold a name."""
+        grid, names = solver.grid, solver.arm.tendon_names
+        return cls(frame_id, solver.model, grid.s, grid.section, names)
 
     def poses(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Return a geometry_msgs/PoseArray of the stations."""

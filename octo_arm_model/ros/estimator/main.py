@@ -42,7 +42,7 @@ from octo_arm_model.wire.measurements import (
 from octo_arm_model.wire.messages import Stamp
 
 TABLE = (*PARAMETERS, *ESTIMATOR_PARAMETERS)
-_MODEL = next(parameter for parameter in PARAMETERS if parameter.name == 'model')
+_MODEL_PARAMETER = next(parameter for parameter in PARAMETERS if parameter.name == 'model')
 MODEL = 'exact'  # used whatever the parameter says, because it alone has loads
 
 
@@ -70,7 +70,7 @@ class PreparedEstimator(Prepared):
         """
         estimation = {name: value for name, value in values.items() if name.startswith(PREFIX)}
         arm = {name: value for name, value in values.items() if name not in estimation}
-        _MODEL.check(arm['model'])
+        _MODEL_PARAMETER.check(arm['model'])
         arm['model'] = MODEL
         config, description = Config.from_parameters(arm), describe(arm)
         for kind in filter(None, (config.tension_type, config.displacement_type)):

@@ -226,7 +226,7 @@ class BackbonePublishers:
         """Prepare the messages for backbones of ``solver``, with the frames of ``config``."""
         arm, grid, frame = solver.arm, solver.grid, config.base_frame
         self._solver = solver
-        self._writer = BackboneWriter(frame, solver.model, grid.s, grid.section, arm.tendon_names)
+        self._writer = BackboneWriter.of(frame, solver)
         profiles = TensionProfilesWriter(frame, grid.s, arm.tendon_names)
         frames = FramesWriter(arm, grid.s, frame, config.frame_prefix)
         self._written = [
