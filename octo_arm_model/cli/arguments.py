@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.loads import TIP_FRAMES
 from octo_arm_model.arm.material import LAWS, WATERS, WaterCoefficients
@@ -253,8 +251,6 @@ def _read(
     parameters |= motion or {}
     parameters = {name: value for name, value in parameters.items() if value is not None}
     config = Config.from_parameters(parameters)
-    if not any(np.any(parameters.get(f'loads.tip_{part}', 0.0)) for part in ('force', 'moment')):
-        refuse_without_effect(options, ('--tip-frame',), 'without --tip-force or --tip-moment')
     if not (any(config.loads.gravity) or moves):
         refuse_without_effect(options, ('--density', '--fluid-density'), 'without --gravity')
     return config, parameters

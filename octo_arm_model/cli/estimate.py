@@ -103,7 +103,6 @@ def _refuse_idle(
 
     ``sensors`` are those with measurements: `TENSIONS`, and names in `MEASUREMENT_TOPICS`.
     """
-    first = next(iter(unknowns.values()))
     for name in sorted(options.given):
         why = ''
         for prefix, sensor in _OF_SENSOR.items():
@@ -111,8 +110,6 @@ def _refuse_idle(
                 why = f'without {sensor}; there are {", ".join(sensors)}'
         if name == f'{PREFIX}force_stddev' and list(unknowns) == ['none']:
             why = 'with --contact none'
-        if name == f'{PREFIX}tension_bias_rate' and first.tension_bias is None:
-            why = 'without --tension-bias-stddev'
         if why:
             raise ConfigError(f'{_option(name)} has no effect {why}')
 

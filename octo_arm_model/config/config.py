@@ -208,19 +208,13 @@ def load_config(name: str | Path) -> Config:
 
 
 def _check(given: Mapping[str, Any]) -> None:
-    """Check names of frames, the pairs of a message type and its field, and the rate."""
+    """Check names of frames, and the rate of markers."""
     if not given['base_frame']:
         raise ConfigError("base_frame is '', expected the name of a frame")
     for name in ('base_frame', 'frame_prefix'):
         if given[name].startswith('/'):
             expected = 'expected no / at its beginning, where tf2 refuses one'
             raise ConfigError(f'{name} is {shown(given[name])}, {expected}')
-    for name in ('tension', 'displacement'):
-        kind, field = given[f'{name}_type'], given[f'{name}_field']
-        if bool(kind) != bool(field):
-            raise ConfigError(
-                f'{name}_type is {kind!r} and {name}_field is {field!r}, expected both or neither'
-            )
     rate = given['markers_rate']
     if rate != 0.0 and rate < MIN_RATE:  # lower rates are too low for a timer
         raise ArmDefinitionError('markers_rate', rate, f'0, or at least {MIN_RATE:g} [Hz]')

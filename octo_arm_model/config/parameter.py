@@ -247,18 +247,20 @@ def stated(
     allowed: str = '',
     what: str = 'number',
     most: int = MAX_TABLE_POINTS,
+    needs: tuple[str, ...] = (),
 ) -> Any:
     """Return a field of a `ParameterGroup`, which is an array if its ``default`` is a tuple.
 
     The ``description`` has the unit in brackets. `Parameter.check` refuses values that are not
     ``allowed``, a range in words or all texts that are, with ``what`` as the noun for a value. An
-    array has at most ``most`` values.
+    array has at most ``most`` values. `check_together` refuses a value without those that it
+    ``needs``.
     """
     is_array = isinstance(default, tuple)
     kind = type((default or (0.0,))[0] if is_array else default)
     options: dict[str, Any] = {'most': most, 'what': what, 'kind': kind, 'is_array': is_array}
     options['is_choice'] = kind is str and bool(allowed)
-    parameter = Parameter('', description, default, allowed, **options)
+    parameter = Parameter('', description, default, allowed, needs=needs, **options)
     return dataclasses.field(default=default, metadata={'stated': parameter})
 
 

@@ -200,10 +200,10 @@ tension_names | string[] | [] | distinct, but for -
     name of the tension of each tendon in incoming messages, or its index from 0 on in messages
     without names, section by section from the tip; - for a tendon without a load cell, which
     is slack; empty for tendon_names
-tension_type | string | ''
+tension_type | string | '' | | with tension_field
     type of the messages on the topic tendon_tensions/field, such as
     sensor_msgs/msg/LaserScan; empty for no such topic
-tension_field | string | ''
+tension_field | string | '' | | with tension_type
     field of these messages with the tensions [N], such as ranges, wrench.force or
     poses[0].position.x
 tension_deadband | double | 0.0 | >= 0
@@ -214,9 +214,9 @@ tension_offset | double[] | []
     section from the tip [N]; empty for 0
 tension_scale | double[] | [] | > 0
     factor on the reading of each load cell, section by section from the tip [-]; empty for 1
-displacement_type | string | ''
+displacement_type | string | '' | | with displacement_field
     type of the messages of encoders on tendon_displacements/field; empty for no such topic
-displacement_field | string | ''
+displacement_field | string | '' | | with displacement_type
     field of these messages with the readings, such as angle or motors[0].position
 displacement_names | string[] | [] | not empty
     name of the reading of the encoder of each tendon in incoming messages, or its index from 0
@@ -238,7 +238,7 @@ loads.tip_force | double[] | [0.0, 0.0, 0.0]
     force on the tip in base_frame [N]
 loads.tip_moment | double[] | [0.0, 0.0, 0.0]
     moment on the tip in base_frame [N m]
-loads.tip_frame | string | 'base' | base or tip | choice
+loads.tip_frame | string | 'base' | base or tip | choice | with loads.tip_force loads.tip_moment
     axes of tip_force and tip_moment: base for base_frame, or tip for t, n and b of the tip,
     which turn with it
 loads.point_s | double[] | [] | in [0, body.length] | most {MAX_POINT_LOADS}

@@ -12,7 +12,7 @@ from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter import ParameterGroup, refuse_unknown, stated
+from octo_arm_model.config.parameter import ParameterGroup, check_together, refuse_unknown, stated
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.rules import GATE, Rules
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk, facing_area, place_names
@@ -88,7 +88,10 @@ class EstimatorParameters(ParameterGroup):
         'standard deviation of the constant bias of each load cell [N]; 0 for no bias', 0.0, '>= 0'
     )
     tension_bias_rate: float = stated(
-        'standard deviation of the change of this bias in a second [N]', 0.0, '>= 0'
+        'standard deviation of the change of this bias in a second [N]',
+        0.0,
+        '>= 0',
+        needs=('estimator.tension_bias_stddev',),
     )
     tension_loss_stddev: float = stated(
         'standard deviation of the logarithm of the tension of each tendon at the base over '
@@ -217,9 +220,9 @@ class EstimatorSettings:
         """
         table, arm = ESTIMATOR_PARAMETERS, config.arm
         refuse_unknown(values, [entry.name for entry in table], 'the estimator')
-        options = EstimatorParameters.of(
-            {entry.name: entry.convert(values.get(entry.name, entry.default)) for entry in table}
-        )
+        given = {row.name: row.convert(values.get(row.name, row.default)) for row in table}
+        options = EstimatorParameters.of(given)
+        check_together(table, given)
         _check(options, arm)
         # Places beyond the tip by rounding are moved to the tip.
         contact_s, marker_s = (

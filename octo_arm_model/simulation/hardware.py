@@ -38,6 +38,7 @@ class Winches(ParameterGroup):
         0.0,
         '>= 0',
         'rate',
+        needs=('dynamics',),
     )
     lag: float = stated(
         'time constant with which tensions, or lengths, follow the set point [s]; 0 for at once',

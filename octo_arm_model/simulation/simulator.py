@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, shown
+from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MIN_RATE
 from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.validation import within
 from octo_arm_model.config.config import Config
-from octo_arm_model.config.parameter import ParameterGroup, refuse_unknown, stated
+from octo_arm_model.config.parameter import ParameterGroup, check_together, refuse_unknown, stated
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import Wound, displacements_of, solve_displacements
@@ -75,7 +75,8 @@ class Course(ParameterGroup):
     real_time_factor: float = stated(
         'speed of this time relative to the wall clock [-]; 0 for as fast as possible',
         1.0,
-        f'0, or {_SLOWEST:g} to {_FASTEST:g}; 1 without publish_clock',
+        f'0, or {_SLOWEST:g} to {_FASTEST:g}',
+        needs=('publish_clock',),
     )
     on_failure: str = stated(
         'reaction when no step of the arm succeeds, as when it is crushed: go_on from the last '
@@ -96,10 +97,6 @@ class Course(ParameterGroup):
         within('rate', self.rate, lowest, HIGHEST_RATE, 'Hz')
         if self.real_time_factor:
             within('real_time_factor', self.real_time_factor, _SLOWEST, _FASTEST, '-')
-        if self.real_time_factor != 1.0 and not self.publish_clock:
-            raise ArmDefinitionError(
-                'real_time_factor', self.real_time_factor, '1 without publish_clock'
-            )
         if self.state_file and not self.state_file.endswith(SUFFIX):
             raise ConfigError(
                 f'state_file is {shown(self.state_file)}, expected a name that ends with {SUFFIX}'
@@ -204,6 +201,7 @@ class SimulatorConfig:
         winches, cells, relaxation = Winches.of(given), LoadCells.of(given), Relaxation.of(given)
         hardware = Hardware(winches, cells, relaxation, config.load_cells)
         simulator = cls(config, Course.of(given), Playing.of(given), hardware, push, sensors)
+        check_together(PARAMETERS, given)
         simulator.profile, simulator.pushed_arm  # noqa: B018 - these properties raise errors
         return simulator
 

@@ -6,6 +6,7 @@ values have no names, or is `NONE`: that tendon has no load cell, and is slack.
 """
 
 import re
+from array import array
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from octo_arm_model.rod.displacements import check_displacements
 
 NONE = '-'
 MAX_VALUES = 100_000  # in one message
+_LISTS = (list, tuple, array, np.ndarray)  # of values, in messages of ROS or `rosbags`
 _STEP = re.compile(r'^([A-Za-z]\w*)((?:\[\d{1,9}\])*)$')
 
 
@@ -37,10 +39,10 @@ def field_of(message: Any, path: str) -> Any:
             raise TensionError(f'no field {shown(path)}')
         value = getattr(value, match[1])
         for number in re.findall(r'\d+', match[2]):
-            if not isinstance(value, (list, tuple, np.ndarray)) or int(number) >= len(value):
+            if not isinstance(value, _LISTS) or int(number) >= len(value):
                 raise TensionError(f'no field {shown(path)}: it has no entry {number}')
             value = value[int(number)]
-    if isinstance(value, (list, tuple, np.ndarray)) and len(value) > MAX_VALUES:
+    if isinstance(value, _LISTS) and len(value) > MAX_VALUES:
         raise TensionError(f'{path} has {len(value)} values, expected at most {MAX_VALUES}')
     return value
 
@@ -122,11 +124,14 @@ def tensions_by_names(
     return tensions.reshape(arm.tension_shape)
 
 
-def names_of(message: Any, count: int) -> list[str] | None:
-    """Return the names in the field 'name' of a ``message`` if there are ``count``, else None."""
-    names = getattr(message, 'name', None)
-    if isinstance(names, (list, tuple)) and len(names) == count and count:
-        return [str(name) for name in names]
+def names_of(message: Any, path: str) -> list[str] | None:
+    """Return the names in the field 'name' of a ``message`` of the values in its list ``path``.
+
+    None means that values have no names: ``path`` is a number, or 'name' no list, or empty.
+    """
+    names, is_list = getattr(message, 'name', None), isinstance(field_of(message, path), _LISTS)
+    if is_list and isinstance(names, (list, tuple)) and names:
+        return list(map(str, names))
     return None
 
 
@@ -190,7 +195,7 @@ class FieldMessage:
 
     Attributes:
         type_name: name of the type.
-        field: path of the field; names are in the field 'name' if it has as many.
+        field: path of the field; if it is a list, names are in the field 'name', if it has any.
     """
 
     type_name: str
@@ -200,11 +205,11 @@ class FieldMessage:
         """Return the tensions [N], of `Arm.tension_shape`, among the values of the field.
 
         Raises:
-            TensionError: if there is no such field of numbers, a value is missing, or named more
-                than once.
+            TensionError: if there is no such field of numbers, a value is missing or named more
+                than once, or there is another number of names.
         """
         values = field_values(message, self.field)
-        return tensions_by_names(values, names_of(message, len(values)), chosen, arm)
+        return tensions_by_names(values, names_of(message, self.field), chosen, arm)
 
 
 TENDON_TENSIONS = TensionMessage('octo_arm_msgs/msg/TendonTensions', 'tension', 'name')
@@ -271,8 +276,8 @@ def read_displacements(
     """
     tendons = arm.tendon_names
     if field or encoders.names:
-        values = field_values(message, field or 'position')
-        names = names_of(message, len(values))
+        field = field or 'position'
+        values, names = field_values(message, field), names_of(message, field)
         hint = 'displacement_names (--motors)'
         readings = tensions_by_names(values, names, encoders.names, arm, hint).ravel()
         has_reading = [name != NONE for name in encoders.names or tendons]

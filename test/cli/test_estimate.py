@@ -161,7 +161,7 @@ def test_tip_poses_alone_do(short_bag, cli):
         ('--tensions - --tendons a b c d', '--tendons has no effect without tensions; t'),
         ('--contact none --force-stddev 1', 'no effect with --contact none'),
         ('--current-stddev 1', 'current_stddev is 1, which has no effect with contact tip'),
-        ('--tension-bias-rate 1', 'no effect without --tension-bias-stddev'),
+        ('--tension-bias-rate 1', 'or no value without estimator.tension_bias_stddev'),
         ('--tensions - --clock-offset 1', '--clock-offset has no effect without --mid'),
     ],
 )

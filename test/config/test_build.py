@@ -181,7 +181,7 @@ def test_a_node_of_an_arm_that_rubs_says_that_there_are_no_shapes_at_rest():
 def given(parameter: Parameter) -> Any:
     """Some value of a ``parameter``, within its range."""
     value = {float: 0.25, int: 2, str: 'linear'}[parameter.kind]
-    value = 'cylinder' if parameter.name == 'motion.water' else value
+    value = {'motion.water': 'cylinder', 'loads.tip_frame': 'tip'}.get(parameter.name, value)
     return [value] if parameter.is_array else value
 
 

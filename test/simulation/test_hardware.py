@@ -207,6 +207,8 @@ def test_a_number_outside_its_range_is_refused_by_name(parameter):
         ({'rate': 0.0}, 'rate is 0.0, expected a finite number within [1e-06, 1000] [Hz]'),
         ({'rate': 1e6}, 'rate is 1000000.0, expected a finite number within [1e-06, 1000] [Hz]'),
         ({'real_time_factor': 1e-300}, 'is 1e-300, expected a finite number within [0.001, 1000]'),
+        ({'real_time_factor': 2.0}, 'is 2.0, expected 1.0 or no value without publish_clock'),
+        ({'winches.speed_limit': 0.1}, 'is 0.1, expected 0.0 or no value without dynamics'),
         ({'winches.lga': 0.1}, 'did you mean winches.lag?'),
         ({'material.poison_ratio': 0.5}, 'did you mean material.poisson_ratio?'),
         ({'elbow': 1.0}, 'elbow is no parameter of the simulator or the arm; known are rate'),

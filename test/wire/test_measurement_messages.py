@@ -170,6 +170,8 @@ def test_readings_below_zero_are_measurements_as_calibrated():
     field = FieldMessage('sensor_msgs/msg/JointState', 'effort')
     found = tensions_of(field.read(message, CONFIG.arm), arm())
     assert found.value.tolist() == [1.0, 0.02, -0.1, 0.4]
+    with pytest.raises(TensionError, match='3 names but 4 values'):
+        field.read(joint_state(NAMES[1:], message.effort, 'effort'), CONFIG.arm)
     message.effort[1] = np.nan
     with pytest.raises(OctoArmError, match='expected finite numbers'):
         tensions_of(JOINT_STATE.read(message, CONFIG.arm), arm())

@@ -29,9 +29,9 @@ def scan():
     return message
 
 
-def joints():
+def joints(*more):
     """Readings by name, not where a JointState has forces."""
-    message = JointState(name=CELLS[::-1], velocity=PLANE.ravel()[::-1].tolist())
+    message = JointState(name=CELLS[::-1], velocity=[*PLANE.ravel()[::-1].tolist(), *more])
     message.header.stamp.sec = 78
     return message
 
@@ -72,6 +72,11 @@ def test_any_field_of_any_type_is_taken_and_may_change_while_the_node_runs():
 
         # Numbers there are none in such a field, and none there are without a load cell.
         is_refused('no value', JointState(velocity=[1.0]))
+        is_refused('12 names but 13 values', joints(0.0))
+        alone = {'tension_field': 'velocity[9]', 'tension_names': ['0', *11 * '-']}
+        assert client.change(**alone) == (True, '')
+        one = CONFIG.solver().solve(PLANE.ravel()[2] * np.eye(12)[0].reshape(PLANE.shape))
+        wait_for_answer(client, states, joints(), one.tip)
         assert client.change(tension_field='speed') == (True, '')
         is_refused("no field 'speed'", joints())
         # Not taken for the time of the node.
@@ -86,7 +91,7 @@ def test_any_field_of_any_type_is_taken_and_may_change_while_the_node_runs():
 @pytest.mark.parametrize(
     ('values', 'reason'),
     [
-        ({'tension_type': 'sensor_msgs/msg/LaserScan'}, "tension_field is '', expected both"),
+        ({'tension_type': 'sensor_msgs/msg/LaserScan'}, 'or no value without tension_field'),
         ({'tension_type': 'no_msgs/msg/No', 'tension_field': 'a'}, "type 'no_msgs/msg/No' are"),
         ({'tension_type': 'sensor_msgs/msg/Nothing', 'tension_field': 'a'}, 'are installed'),
         ({'tension_type': 'os.path', 'tension_field': 'a'}, "no messages of type 'os.path'"),
@@ -262,7 +267,7 @@ def test_motors_in_a_field_of_any_message_reel_as_their_spools_say():
         bad = JointState(name=['m1a'], velocity=[1.0])
         client.log('/motors refused', "'m1b'", again=partial(motors.publish, bad))
         done, why = client.change(displacement_field='')
-        assert not done and "displacement_field is '', expected both or neither" in why
+        assert not done and 'or no value without displacement_field' in why
         assert client.change(displacement_type='', displacement_field='') == (True, '')
         client.wait(lambda: not motors.get_subscription_count(), 'the end of the subscription')
 
