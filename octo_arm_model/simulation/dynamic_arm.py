@@ -135,7 +135,7 @@ class DynamicArm(SimulatedArm):
     def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
         """Simulate the arm of ``config`` by the model exact; OctoArmError if it has no density."""
         super().__init__(config, push, sensors, is_pushed=True)
-        self._dynamics = self._pushed.dynamics()
+        self._dynamics = self.config.dynamics()
         # Several sensors and the ground truth ask for the shape of one state.
         self._shape_of = functools.lru_cache(1)(self._dynamics.backbone)
         self._names = np.array(config.arm.tendon_names)

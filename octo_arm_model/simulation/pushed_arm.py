@@ -21,6 +21,7 @@ from octo_arm_model.config.parameter import ParameterGroup, stated
 from octo_arm_model.estimation.measurements import forces_at_stations, require_covered
 from octo_arm_model.estimation.settings import MAX_MARKERS
 from octo_arm_model.rod.backbone import Backbone
+from octo_arm_model.rod.displacements import displacements_of
 from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.simulation.profiles import CommandProfile
 
@@ -106,21 +107,25 @@ class Sensors(ParameterGroup):
 
 
 class SimulatedArm(ABC):
-    """An arm under tensions and a push, with sensors besides load cells."""
+    """An arm under tensions and a push, with sensors besides load cells.
+
+    Attributes:
+        config: configuration of the arm, with a push that is not at the tip among its loads.
+    """
 
     def __init__(self, config: Config, push: Push, sensors: Sensors, is_pushed: bool) -> None:
         """Simulate the arm of ``config``; the noise of ``sensors`` follows from their seed.
 
         The force of ``push`` can act only if it ``is_pushed``.
         """
-        self._config = self._pushed = config
+        self._config = self.config = config
         self._sensors, self._random = sensors, np.random.default_rng(sensors.seed)
         self._at_tip = push.is_at_tip(config.arm.length)
         self._push: ScaledLoads | None = None
         if is_pushed and not self._at_tip:
             self._push = ScaledLoads([Loads(points=(PointLoad(push.s, axis),)) for axis in _AXES])
             loads = dataclasses.replace(config.loads, scaled=self._push)
-            self._pushed = dataclasses.replace(config, loads=loads)
+            self.config = dataclasses.replace(config, loads=loads)
 
     def _wrench(self, force: FloatArray) -> FloatArray:
         """Push with a ``force`` (3,) [N], and return the wrench (6,) that acts on the tip."""
@@ -143,6 +148,10 @@ class SimulatedArm(ABC):
     @abstractmethod
     def backbone(self) -> Backbone:
         """The present shape, which exists after `advance`."""
+
+    @abstractmethod
+    def reeled_in(self) -> FloatArray:
+        """Return the lengths that winches have reeled in [m], (tendons,)."""
 
     @property
     @abstractmethod
@@ -175,7 +184,11 @@ class SimulatedArm(ABC):
 
 
 class PushedArm(SimulatedArm):
-    """A simulated arm without inertia, in equilibrium at any time."""
+    """A simulated arm without inertia, in equilibrium at any time.
+
+    Attributes:
+        tip_wrench: present push of the tip, (6,) [N, N m]; None without, as some models take none.
+    """
 
     def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
         """Simulate the arm of ``config``.
@@ -185,10 +198,11 @@ class PushedArm(SimulatedArm):
                 the base does not cover its loads.
         """
         super().__init__(config, push, sensors, any(push.force))
-        self._solver = self._pushed.solver()
+        self._solver = self.config.solver()
         self._solver.check_tip_wrench(self._wrench(np.array(push.force)))
         self._shape: Backbone | None = None
         self._force = np.zeros(3)
+        self.tip_wrench: FloatArray | None = None
         self._push_s = push.s or config.arm.length
         if sensors.base_wrench_rate:
             require_covered(config.loads)
@@ -201,6 +215,7 @@ class PushedArm(SimulatedArm):
         is_same = np.array_equal(self._solver.grid.s, before._solver.grid.s)
         if is_same and self._config.has_balance_of(before._config):
             self._shape, self._force = before._shape, before._force
+            self.tip_wrench = before.tip_wrench
             return False
         return before._shape is not None and before._shape.point_tensions is not None
 
@@ -215,15 +230,19 @@ class PushedArm(SimulatedArm):
             OctoArmError: if there is no such shape; the last one is kept.
         """
         shape, wrench = self._config.arm.tension_shape, self._wrench(force)
-        push = wrench if wrench.any() else None  # some models take no loads
+        push = wrench if wrench.any() else None
         self._shape = self._solver.follow(tensions.reshape(shape), self._shape, push)
-        self._force = force
+        self._force, self.tip_wrench = force, push
 
     @property
     def backbone(self) -> Backbone:
         """The present shape, which exists after `advance`."""
         assert self._shape is not None
         return self._shape
+
+    def reeled_in(self) -> FloatArray:
+        """Return the lengths that winches have reeled in [m], (tendons,)."""
+        return displacements_of(self._solver, self.backbone).ravel()
 
     @functools.cached_property
     def _forces(self) -> FloatArray:

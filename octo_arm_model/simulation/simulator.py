@@ -161,8 +161,9 @@ class SimulatorConfig:
 
     @functools.cached_property
     def solver(self) -> Solver:
-        """The solver of the arm, for lengths of tendons."""
-        return self.model.node_solver()
+        """The solver of the arm with its push, for lengths of tendons."""
+        arm = self.pushed_arm
+        return (self.model if arm is None else arm.config).node_solver()
 
     @functools.cached_property
     def pushed_arm(self) -> SimulatedArm | None:
@@ -331,7 +332,7 @@ class TendonDrive:
             OctoArmError: if there is no shape under these tensions.
         """
         config = self._config
-        if isinstance(config.pushed_arm, DynamicArm):
+        if config.pushed_arm is not None:
             return config.pushed_arm.reeled_in()
         pulled = tensions.reshape(config.model.arm.tension_shape)
         self._shape = config.solver.follow(pulled, self._shape)
@@ -359,13 +360,14 @@ class TendonDrive:
         return HeldLengths(winches.reel(now, goal, elapsed), effective, direction, at_bound, taut)
 
     def _at_rest(self, lengths: Mapping[str, float], tensions: FloatArray) -> Wound:
-        names = self._config.model.arm.tendon_names
+        names, arm = self._config.model.arm.tendon_names, self._config.pushed_arm
+        wrench = arm.tip_wrench if isinstance(arm, PushedArm) else None
         driven = {
             name: float(tension)
             for name, tension in zip(names, tensions, strict=True)
             if name not in lengths
         }
-        return solve_displacements(self._config.solver, lengths, driven, self._wound)
+        return solve_displacements(self._config.solver, lengths, driven, self._wound, wrench)
 
 
 PLUGIN = 'joint_state_topic_hardware_interface/JointStateTopicSystem'

@@ -15,8 +15,10 @@ from octo_arm_model import (
     OctoArmError,
     Plane,
     PointLoad,
+    solve_displacements,
 )
 from octo_arm_model.arm.errors import MeasurementError
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.estimation.estimate import contact_of
 from octo_arm_model.estimation.estimator import Estimator
@@ -24,9 +26,10 @@ from octo_arm_model.estimation.measurements import BaseWrench, Markers, Tensions
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
+from octo_arm_model.rod.displacements import displacements_of
 from octo_arm_model.simulation.movements import find_profile
 from octo_arm_model.simulation.pushed_arm import PERIOD, Push, PushedArm, Sensors, touched
-from octo_arm_model.simulation.simulator import SimulatorConfig, in_water
+from octo_arm_model.simulation.simulator import SimulatorConfig, TendonDrive, in_water
 
 VALUES = load_parameters('renda2012_prototype') | {'model': 'exact', 'stations': 31}
 CONFIG = Config.from_parameters(VALUES)
@@ -55,6 +58,36 @@ def test_the_shape_is_that_of_the_arm_under_the_force(s):
     lever = [np.interp(place, expected.s, axis) for axis in expected.position.T]
     wrench = np.concatenate([FORCE, np.cross(lever, FORCE)])
     np.testing.assert_allclose(arm.base_wrench(), wrench, atol=1e-8)
+
+
+@pytest.mark.parametrize('s', [0.0, 0.1])
+def test_encoders_read_the_arm_that_is_pushed_and_winches_hold_their_lengths(s):
+    given = VALUES | {'tendons.axial_stiffness': 4 * [500.0], 'push.force': FORCE.tolist()}
+    config = SimulatorConfig.from_parameters(given | {'push.s': s})
+    loads = Loads(points=(PointLoad(s or LENGTH, tuple(FORCE)),))
+    solver = dataclasses.replace(config.model, loads=loads).solver()
+    drive = TendonDrive(config)
+
+    def step() -> FloatArray:
+        pulled = drive.advance(drive.set_points(TENSIONS), 0.01)
+        return drive.encoders(drive.move(pulled, FORCE, 0.01))
+
+    expected = displacements_of(solver, solver.solve([TENSIONS])).ravel()
+    free = displacements_of(solver, CONFIG.solver().solve([TENSIONS])).ravel()
+    np.testing.assert_allclose(step(), expected, atol=1e-8)
+    assert np.abs(expected - free).max() > 1e-4
+    names = config.model.arm.tendon_names
+    drive.hold(dict(zip(names, free.tolist(), strict=True)), TENSIONS)
+    np.testing.assert_allclose(step(), free, atol=1e-8)
+    held = solve_displacements(solver, dict(zip(names, free.tolist(), strict=True)))
+    read = drive.hardware.read()
+    assert read is not None and np.abs(read - TENSIONS).max() > 0.02
+    np.testing.assert_allclose(read, held.backbone.tensions.ravel(), atol=1e-5)
+    # The push moves to another place.
+    drive.go_on_with(SimulatorConfig.from_parameters(given | {'push.s': 0.15}))
+    for _ in range(2):
+        moved = step()
+    np.testing.assert_allclose(moved, free, atol=1e-8)
 
 
 def test_the_noise_is_as_large_as_it_is_said_to_be():

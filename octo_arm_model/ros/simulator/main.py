@@ -247,7 +247,8 @@ class SimulatorNode(CheckedNode):
         config, course = self._config, self._config.course
         if course.dynamics and not course.publish_clock:
             # If a call is late, all that is simulated falls behind a clock that is not its own.
-            elapsed_ns = min(elapsed_ns, round(2e9 / course.rate))
+            late_ns, elapsed_ns = elapsed_ns, min(elapsed_ns, round(2e9 / course.rate))
+            self._diagnostics.counts['behind'] += 1e-9 * (late_ns - elapsed_ns)
         if self._is_playing and config.profile is not None:
             self._command = config.profile.at(1e-9 * self._played_ns, loop=config.playing.loop)
             self._played_ns += config.playing.speed * elapsed_ns
@@ -276,7 +277,7 @@ class SimulatorNode(CheckedNode):
         else:
             self._measured.publish(self._readings_message(measured, stamp))
             self._diagnostics.counts['published'] += 1
-        if config.hardware.winches.encoders:
+        if config.hardware.winches.encoders and (has_moved or config.pushed_arm is None):
             self._publish_encoders(effective, stamp)
         if has_moved:
             self._outputs.publish(config, push_force, (before_ns, self._time_ns), stamp)

@@ -183,6 +183,7 @@ def _distance(command: Command, other: Command) -> float:
     return distance
 
 
+_SLOW = 0.2  # time by which an arm falls behind the clock, over that in which it moved
 PAUSED = 'nothing, as it is paused'  # the source in the diagnostics of a paused simulator
 
 
@@ -191,7 +192,8 @@ class SimulatorDiagnostics:
 
     Attributes:
         counts: numbers of 'commands', of 'refused' ones, of readings 'published' and 'lost', of
-            'failed' steps, and the 'simulated' time of the arm [s].
+            'failed' steps, the 'simulated' time of the arm, and that by which it fell 'behind' the
+            clock [s].
         log: log of refused messages.
     """
 
@@ -238,6 +240,11 @@ class SimulatorDiagnostics:
             problems.append(f'{refused:.0f} refused: {self._reason}')
         if failed := recent['failed']:
             problems.append(f'{failed:.0f} steps failed: {self._failure}')
+        if recent['behind'] > _SLOW * recent['simulated']:
+            part = recent['simulated'] / (recent['simulated'] + recent['behind'])
+            problems.append(
+                f'the arm moves at {part:.0%} of the speed of the clock, as its steps take too long'
+            )
         status = diagnostics.make_status(
             'simulator',
             DiagnosticStatus.WARN,

@@ -88,6 +88,17 @@ def ns(stamp):
     return 10**9 * stamp.sec + stamp.nanosec
 
 
+def test_an_arm_whose_steps_take_longer_than_their_time_is_diagnosed():
+    """Without damping, at a rate that no machine keeps."""
+    stiff = {'material__youngs_modulus': 1e9, 'motion__damping_time': 0.0, 'rate': 1000.0}
+    with moving(**stiff) as client:
+        client.wait(
+            lambda: any('of the speed of the clock' in one for one in client.told()),
+            'what is said of a slow arm',
+            lambda: client.command(name=NAMES, tension=PULL),
+        )
+
+
 def test_the_moving_arm_is_published_paused_stepped_and_reset():
     with moving() as client:
         joints = client.hear(JointState, 'tendon_states')
