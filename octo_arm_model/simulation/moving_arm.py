@@ -23,15 +23,13 @@ from octo_arm_model.simulation.profiles import CommandProfile
 
 STEP = 2e-3  # step of the integration [s]
 LONGEST_GAP = 10.0  # longest time between readings of one motion [s]
-_ON_STEP_NS = 1000  # a time this near to the end of a step counts as the end [ns]
+_SAME_NS = 1000  # a reading that is later by less than this comes at the same time [ns]
 
 
 class DrivenMotion:
     """An arm that moves from reading to reading; in between tensions and lengths are linear.
 
-    It begins in the equilibrium of the first reading. All steps have one length, so that the
-    motion does not depend on the times of readings: a shorter step leads to a time between two
-    steps, and the motion does not go on from there.
+    It begins in the equilibrium of the first reading.
 
     Attributes:
         dynamics: dynamics of the arm.
@@ -39,13 +37,12 @@ class DrivenMotion:
     """
 
     def __init__(self, dynamics: Dynamics, step: float = STEP) -> None:
-        """Move the arm of ``dynamics`` in steps of ``step`` [s]."""
+        """Move the arm of ``dynamics`` in steps of at most ``step`` [s]."""
         self.dynamics, self._step = dynamics, positive('step', step, 's')
         self.starts = 0
-        self._state: MotionState | None = None  # after the last whole step
+        self._state: MotionState | None = None
         self._known: Inputs | None = None
-        # The time since the motion began, the stamp at which it began, and whole steps since then.
-        self._time_ns, self._origin_ns, self._steps = 0, 0, 0
+        self._time_ns = 0  # stamp of the state
         self._ended = ''
         self._newest_ns: dict[str, int] = {}
 
@@ -73,24 +70,28 @@ class DrivenMotion:
             last.displacements if displacements is None else displacements,
         )
         self.dynamics.checked(now)
-        before, time = self._time_ns, max(stamp_ns - self._origin_ns, self._time_ns)
-        begins = self._known is None or goes_back or time - before > 1e9 * LONGEST_GAP
+        elapsed_ns = stamp_ns - self._time_ns
+        begins = self._known is None or goes_back or elapsed_ns > 1e9 * LONGEST_GAP
         self._newest_ns = {**({} if begins else self._newest_ns), source: stamp_ns}
         if begins:
             self._known = None
             self._state = self.dynamics.at_rest(now)
-            self._time_ns, self._origin_ns, self._steps, self._ended = 0, stamp_ns, 0, ''
-            self._known = now
+            self._time_ns, self._ended, self._known = stamp_ns, '', now
             self.starts += 1
             return
-        self._known, self._time_ns = now, time
-        if not self._ended:
-            try:
-                self._advance(before, last, now)
-            except SolveError as error:
-                self._ended = str(error)
+        self._known = now
+        if elapsed_ns >= _SAME_NS:
+            self._time_ns = stamp_ns
+            if not self._ended:
+                self._advance(now, 1e-9 * elapsed_ns)
         if self._ended:
             raise SolveError(self._ended)
+
+    def _advance(self, inputs: Inputs, elapsed: float) -> None:
+        try:
+            self._state = self.dynamics.go_on(self.state, inputs, elapsed, self._step)
+        except SolveError as error:
+            self._ended = str(error)
 
     @property
     def is_wound(self) -> bool:
@@ -102,35 +103,11 @@ class DrivenMotion:
         """The state at the last reading.
 
         Raises:
-            SolveError: if the step to it does not succeed, or there was no reading.
+            SolveError: if there was no reading.
         """
-        if self._state is None or self._known is None:
+        if self._state is None:
             raise SolveError('the arm does not move yet')
-        rest = self._time_ns - self._end_ns(self._steps)
-        if rest <= _ON_STEP_NS:
-            return self._state
-        return self.dynamics.step(self._state, self._known, 1e-9 * rest)
-
-    def _end_ns(self, steps: int) -> float:
-        """Return the time after a number of ``steps``, which need not be whole nanoseconds."""
-        return 1e9 * (steps * self._step)
-
-    def _advance(self, before_ns: int, before: Inputs, now: Inputs) -> None:
-        assert self._state is not None
-        lengths = before.displacements
-        if not now.displacements.keys() <= lengths.keys():
-            reeled = self.dynamics.displacements(self._state).tolist()
-            lengths = {**dict(zip(self.dynamics.solver.arm.tendon_names, reeled)), **lengths}
-        duration = max(self._time_ns - before_ns, _ON_STEP_NS)
-        while (end := self._end_ns(self._steps + 1)) <= self._time_ns + _ON_STEP_NS:
-            part = min((end - before_ns) / duration, 1.0)
-            reeling = {
-                name: (1.0 - part) * lengths[name] + part * value
-                for name, value in now.displacements.items()
-            }
-            pulled = (1.0 - part) * np.asarray(before.tensions) + part * np.asarray(now.tensions)
-            self._state = self.dynamics.step(self._state, Inputs(pulled, reeling), self._step)
-            self._steps += 1
+        return self._state
 
 
 _STROBES = 25  # number of shapes in a picture
@@ -189,7 +166,8 @@ def simulate(
         progress(number, moments)
         if number < moments:
             for part in range(1, every + 1):
-                state = dynamics.step(state, inputs((number * every + part) * step), step)
+                now = inputs((number * every + part) * step)
+                state = dynamics.go_on(state, now, step, step)
 
 
 def write_motion_csv(path: Path, moments: Sequence[Moment], names: Sequence[str]) -> None:
