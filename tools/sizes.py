@@ -28,10 +28,10 @@ MOST = {
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_210,
     'octo_arm_model/ros': 4_810,
-    'octo_arm_model/simulation': 2_230,
+    'octo_arm_model/simulation': 2_220,
     'octo_arm_model/viewer': 2_150,
     'octo_arm_model/wire': 1_390,
-    'test': 24_510,
+    'test': 24_560,
 }
 
 

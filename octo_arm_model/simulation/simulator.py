@@ -22,8 +22,7 @@ from octo_arm_model.arm.validation import within
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import ParameterGroup, check_together, refuse_unknown, stated
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
-from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.displacements import Wound, displacements_of, solve_displacements
+from octo_arm_model.rod.displacements import Wound, solve_displacements
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.dynamic_arm import SUFFIX, DynamicArm, HeldLengths
 from octo_arm_model.simulation.hardware import (
@@ -167,14 +166,14 @@ class SimulatorConfig:
 
     @functools.cached_property
     def pushed_arm(self) -> SimulatedArm | None:
-        """The simulated arm; None if it neither moves, nor is pushed, nor has sensors.
+        """The simulated arm; None if it neither moves, nor is pushed, nor has sensors or encoders.
 
         Raises:
             OctoArmError: if the arm cannot move, be pushed, or be measured by the sensors.
         """
         if self.course.dynamics:
             return DynamicArm(self.model, self.push, self.sensors)
-        if not any(self.push.force) and not any(self.sensors.rates):
+        if not (any((*self.push.force, *self.sensors.rates)) or self.hardware.winches.encoders):
             return None
         return PushedArm(self.model, self.push, self.sensors)
 
@@ -254,7 +253,6 @@ class TendonDrive:
         self.hardware = SimulatedHardware(config.hardware, len(config.model.arm.tendons))
         self.held: dict[str, float] = {}
         self._wound: Wound | None = None
-        self._shape: Backbone | None = None
 
     def go_on_with(self, config: SimulatorConfig) -> list[str]:
         """Use the parameters ``config`` from now on, and return warnings about lost states."""
@@ -271,7 +269,7 @@ class TendonDrive:
             if self.held:
                 reason = 'other limits' if is_same else 'another arm'
                 warnings.append(f'tendons are no longer driven by length: {reason}')
-            self.held, self._wound, self._shape = {}, None, None
+            self.held, self._wound = {}, None
         return warnings
 
     def hold(self, lengths: Mapping[str, float], tensions: FloatArray) -> None:
@@ -324,19 +322,6 @@ class TendonDrive:
         arm.advance(tensions, force, elapsed, self._reeled(elapsed))
         hardware.hold(arm.state.tensions, arm.reeled_in(), elapsed, self._is_held())
         return arm.state.tensions
-
-    def encoders(self, tensions: FloatArray) -> FloatArray:
-        """Return lengths reeled in under effective ``tensions`` (tendons,) [N], (tendons,) [m].
-
-        Raises:
-            OctoArmError: if there is no shape under these tensions.
-        """
-        config = self._config
-        if config.pushed_arm is not None:
-            return config.pushed_arm.reeled_in()
-        pulled = tensions.reshape(config.model.arm.tension_shape)
-        self._shape = config.solver.follow(pulled, self._shape)
-        return displacements_of(config.solver, self._shape).ravel()
 
     def _is_held(self) -> NDArray[np.bool_]:
         """Whether the winch of each tendon holds a length of an arm that moves, (tendons,)."""

@@ -263,7 +263,7 @@ def test_winches_do_what_they_can_where_no_tension_reels_in_a_length():
 
 
 def test_a_length_beyond_what_there_is_is_refused_and_the_arm_goes_on():
-    own, _ = drive()
+    own, config = drive()
     go(own, SLACK, NONE)
     own.hold({NAMES[0]: 0.01}, SLACK)
     for lengths, reason in (
@@ -273,4 +273,5 @@ def test_a_length_beyond_what_there_is_is_refused_and_the_arm_goes_on():
         with pytest.raises(TensionError, match=reason):
             own.hold(lengths, SLACK)
     go(own, SLACK, NONE, 2)
-    assert own.encoders(SLACK)[0] == pytest.approx(0.01, abs=1e-9)
+    arm: Any = config.pushed_arm
+    assert arm.reeled_in()[0] == pytest.approx(0.01, abs=1e-9)

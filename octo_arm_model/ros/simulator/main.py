@@ -20,7 +20,6 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.time import Time as RosTime
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 
 from octo_arm_model.arm.errors import ConfigError, LoadError, OctoArmError, in_short, shown
 from octo_arm_model.arm.hints import FloatArray
@@ -40,7 +39,6 @@ from octo_arm_model.simulation.movements import TOPIC, check_command
 from octo_arm_model.simulation.simulator import COMMANDS as JOINT_COMMANDS
 from octo_arm_model.simulation.simulator import PARAMETERS, SimulatorConfig, TendonDrive
 from octo_arm_model.wire.tensions import (
-    DISPLACEMENTS,
     NONE,
     TENSION_TOPICS,
     TensionMessage,
@@ -69,7 +67,6 @@ class SimulatorNode(CheckedNode):
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
         )
         self._diagnostics = publishers.SimulatorDiagnostics(self)
-        self._encoders = topics.create_publisher(self, JointState, DISPLACEMENTS, OUTPUT_QOS)
         self._outputs = publishers.ArmPublishers(self)
         self._time = services.SimulationClock(self, self._step)
         self._commanders = publishers.Commanders(self)
@@ -277,8 +274,6 @@ class SimulatorNode(CheckedNode):
         else:
             self._measured.publish(self._readings_message(measured, stamp))
             self._diagnostics.counts['published'] += 1
-        if config.hardware.winches.encoders and (has_moved or config.pushed_arm is None):
-            self._publish_encoders(effective, stamp)
         if has_moved:
             self._outputs.publish(config, push_force, (before_ns, self._time_ns), stamp)
 
@@ -287,17 +282,6 @@ class SimulatorNode(CheckedNode):
         if self._config.course.on_failure == 'pause' and not self._time.is_paused:
             self._time.is_paused = True
             self.get_logger().error(f'paused, as no step succeeds: {in_short(error)}')
-
-    def _publish_encoders(self, tensions: FloatArray, stamp: Time) -> None:
-        model = self._config.model
-        try:
-            reeled_in = self._drive.encoders(tensions)
-        except OctoArmError as error:
-            self._diagnostics.log.warn(self._encoders.topic_name, error)
-            return
-        message = JointState(name=list(model.arm.tendon_names), position=reeled_in.tolist())
-        message.header = Header(stamp=stamp, frame_id=model.base_frame)
-        self._encoders.publish(message)
 
     def _readings_message(self, readings: FloatArray, stamp: Time) -> TendonTensions:
         model = self._config.model

@@ -32,21 +32,23 @@ from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.simulator import STATES, SimulatorConfig
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, BackboneWriter
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, TIP_POSE
+from octo_arm_model.wire.tensions import DISPLACEMENTS
 
 TRUE_WRENCH = 'ground_truth/tip_wrench'
 
 
 class ArmPublishers:
-    """Publishes the readings of sensors, each at its rate, and the motion of a dynamic arm.
+    """Publishes readings of encoders and of sensors, and the motion of a dynamic arm.
 
     The motion has the true shape, and the tendons as joints with displacement, rate and tension.
     """
 
     def __init__(self, node: Node) -> None:
         """Create the publishers on ``node``."""
-        self._tip, self._markers, self._wrench, self._truth, self._states, *self._shapes = (
+        self._encoders, self._tip, self._markers, self._wrench, self._truth, *others = (
             create_publisher(node, kind, topic, OUTPUT_QOS)
             for kind, topic in (
+                (JointState, DISPLACEMENTS),
                 (PoseWithCovarianceStamped, TIP_POSE),
                 (PoseArray, MARKERS),
                 (WrenchStamped, BASE_WRENCH),
@@ -55,6 +57,7 @@ class ArmPublishers:
                 *((message_class(k), f'ground_truth/{t}') for t, k in BACKBONE_TOPICS.items()),
             )
         )
+        self._states, *self._shapes = others
         self._last: tuple[float, FloatArray] | None = None
         self._described: tuple[Config, BackboneWriter] | None = None
 
@@ -69,6 +72,9 @@ class ArmPublishers:
         arm, sensors = config.pushed_arm, config.sensors
         assert arm is not None
         header = Header(stamp=stamp, frame_id=config.model.base_frame)
+        if config.hardware.winches.encoders:
+            names, lengths = list(config.model.arm.tendon_names), arm.reeled_in().tolist()
+            self._encoders.publish(JointState(header=header, name=names, position=lengths))
         if config.push.is_at_tip(config.model.arm.length):
             # A node that computes the true shape needs this besides the true tensions.
             self._truth.publish(_wrench(header, np.append(pushed, np.zeros(3))))
@@ -243,7 +249,7 @@ class SimulatorDiagnostics:
         if recent['behind'] > _SLOW * recent['simulated']:
             part = recent['simulated'] / (recent['simulated'] + recent['behind'])
             problems.append(
-                f'the arm moves at {part:.0%} of the speed of the clock, as its steps take too long'
+                f'the arm moves at {part:.0%} of the speed of the clock: its steps take too long'
             )
         status = diagnostics.make_status(
             'simulator',
