@@ -24,6 +24,7 @@ from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of
 from octo_arm_model.rod.rotations import axes_of
+from octo_arm_model.rod.solver import Solver
 from octo_arm_model.rod.stations import interpolated
 from octo_arm_model.simulation.moving_arm import Moment
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, TENSION_ESTIMATES, BackboneWriter
@@ -137,50 +138,34 @@ def custom_data(experiment: Experiment) -> dict[str, str]:
     return {'note': note, 'truth': truth}
 
 
-class TrueArm:
-    """The simulated arm, and its shapes and lengths while the first tendon is pulled.
+def true_config(parameters: Mapping[str, Any], experiment: Experiment) -> Config:
+    """Return the arm of ``parameters`` with the true values of the ``experiment``."""
+    changed: dict[str, Any] = {'model': 'exact'}
+    for name in ('material.youngs_modulus', 'material.table_youngs_modulus'):
+        if parameters.get(name):
+            changed[name] = (experiment.stiffness * np.array(parameters[name])).tolist()
+    for name, value in (
+        ('tendons.sheath_stiffness', experiment.sheath),
+        ('tendons.axial_stiffness', experiment.axial_stiffness),
+        ('tendons.friction', experiment.friction),
+    ):
+        if value:
+            changed[name] = [value]
+    return Config.from_parameters({**parameters, **changed})
 
-    Attributes:
-        config: the description of the arm.
-        solver: the solver of its shape.
-    """
 
-    def __init__(self, parameters: Mapping[str, Any], experiment: Experiment) -> None:
-        """Change the arm of ``parameters`` to the true values of the ``experiment``."""
-        changed: dict[str, Any] = {'model': 'exact'}
-        for name in ('material.youngs_modulus', 'material.table_youngs_modulus'):
-            if parameters.get(name):
-                changed[name] = (experiment.stiffness * np.array(parameters[name])).tolist()
-        for name, value in (
-            ('tendons.sheath_stiffness', experiment.sheath),
-            ('tendons.axial_stiffness', experiment.axial_stiffness),
-            ('tendons.friction', experiment.friction),
-        ):
-            if value:
-                changed[name] = [value]
-        self.config = Config.from_parameters({**parameters, **changed})
-        self.solver = self.config.solver()
-
-    def shapes(self, pulls: FloatArray, forces: FloatArray) -> list[Backbone]:
-        """Return the shapes under ``pulls`` (n,) [N], with ``forces`` (n, 3) [N] on the tip."""
-        last: Backbone | None = None
-        shapes: list[Backbone] = []
-        for pull, force in zip(pulls, forces, strict=True):
-            tensions, wrench = self._tensions(pull), np.append(force, np.zeros(3))
-            if (
-                last is None
-                or (tensions != last.tensions).any()
-                or (wrench != last.tip_wrench).any()
-            ):
-                last = self.solver.follow(tensions, last, wrench if wrench.any() else None)
+def _shapes(solver: Solver, pulls: FloatArray, forces: FloatArray) -> list[Backbone]:
+    """Return shapes while the first tendon is pulled, (n,), and the tip pushed, (n, 3) [N]."""
+    shapes: list[Backbone] = []
+    tensions = np.zeros((pulls.size, *solver.arm.tension_shape))
+    tensions.reshape(pulls.size, -1)[:, 0] = pulls
+    for pulled, wrench in zip(tensions, np.pad(forces, ((0, 0), (0, 3))), strict=True):
+        last = shapes[-1] if shapes else None
+        if last and (last.tensions == pulled).all() and (last.tip_wrench == wrench).all():
             shapes.append(last)
-        return shapes
-
-    def _tensions(self, pull: float) -> FloatArray:
-        arm = self.config.arm
-        tensions = np.zeros(len(arm.tendons))
-        tensions[0] = pull
-        return tensions.reshape(arm.tension_shape)
+        else:
+            shapes.append(solver.follow(pulled, last, wrench if wrench.any() else None))
+    return shapes
 
 
 START = 1_335_830_400 * 10**9  # 1 May 2012 [ns]
@@ -203,7 +188,12 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     rng = np.random.default_rng(experiment.seed)
     times, pulls = experiment.schedule(config)
     messages = SensorMessages(writer, config, 'camera')
-    arm = TrueArm(parameters, experiment)
+    solver = true_config(parameters, experiment).solver()
+
+    def shapes_at(when: FloatArray) -> list[Backbone]:
+        forces = experiment.touches(when, times)
+        return _shapes(solver, np.interp(when, times, pulls), forces)
+
     writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(parameters), START)
     writer.add_text('/note', custom_data(experiment)['note'], START)
 
@@ -217,8 +207,10 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     messages.add_all(TENSIONS, _stamps(samples), tensions)
 
     if experiment.sheath or experiment.axial_stiffness:
-        shapes = arm.shapes(np.interp(samples, times, pulls), experiment.touches(samples, times))
-        reeled_in = np.array([displacements_of(arm.solver, one).ravel() for one in shapes])
+        shapes = _shapes(
+            solver, np.interp(samples, times, pulls), experiment.touches(samples, times)
+        )
+        reeled_in = np.array([displacements_of(solver, one).ravel() for one in shapes])
         # A separate generator, so that all else is the same with encoders and without.
         noise = np.random.default_rng([experiment.seed, 1]).standard_normal(reeled_in.shape)
         reeled_in += experiment.encoder_noise * noise
@@ -226,7 +218,9 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
 
     instants = np.arange(0.0, times[-1], 1.0 / experiment.camera_rate)
     instants = instants[rng.random(instants.size) >= experiment.dropped]
-    shapes = arm.shapes(np.interp(instants, times, pulls), experiment.touches(instants, times))
+    shapes = _shapes(
+        solver, np.interp(instants, times, pulls), experiment.touches(instants, times)
+    )
     places = np.linspace(0.0, shapes[0].s[-1], _POINTS)
     points = np.array([interpolated(places, shape.s, shape.position) for shape in shapes])
     # A row vector times the matrix is rotated by its inverse, from base_frame to the camera's.
@@ -241,7 +235,9 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     messages.add_all(MIDLINE, _stamps(instants), midlines, ahead_ns=ahead)
     if experiment.touch or experiment.markers:
         instants = np.arange(0.0, times[-1], 1.0 / experiment.marker_rate)
-        shapes = arm.shapes(np.interp(instants, times, pulls), experiment.touches(instants, times))
+        shapes = _shapes(
+            solver, np.interp(instants, times, pulls), experiment.touches(instants, times)
+        )
         _add_measured(messages, instants, shapes, experiment)
     messages.write()
 

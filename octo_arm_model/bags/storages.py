@@ -91,16 +91,11 @@ def checked_yaml(text: str, label: str) -> Any:
 def _expand_file(path: Path, folder: Path) -> Path:
     """Expand a file compressed by zstd into ``folder``; ValueError if it expands too much."""
     check_file(path)
-    limit, size = _FILE_RATIO * path.stat().st_size + _FILE_MORE, 0
     expanded = folder / path.stem
-    with zstd.open(path, 'rb') as stream, expanded.open('wb') as out:
-        while part := stream.read(_PART):
-            size += len(part)
-            if size > limit:
-                raise ValueError(
-                    f'{path.name}: {path.stat().st_size} bytes expand to more than {limit}'
-                )
-            out.write(part)
+    with expanded.open('wb') as out:
+        _copy(
+            zstd.open(path, 'rb'), out, _FILE_RATIO * path.stat().st_size + _FILE_MORE, path.name
+        )
     return expanded
 
 
@@ -111,13 +106,16 @@ def expand_message(data: bytes) -> bytes:
 
 def _read(stream: Any, limit: int, label: str) -> bytes:
     """Read all of a ``stream``; ValueError if it has more than ``limit`` bytes."""
-    parts = io.BytesIO()
-    with stream:
-        while part := stream.read(min(_PART, limit + 1 - parts.tell())):
-            parts.write(part)
-            if parts.tell() > limit:
-                raise ValueError(f'{label} expands to more than {limit} bytes')
+    _copy(stream, parts := io.BytesIO(), limit, label)
     return parts.getvalue()
+
+
+def _copy(stream: Any, out: BinaryIO, limit: int, label: str) -> None:
+    with stream:
+        while part := stream.read(min(_PART, limit + 1 - out.tell())):
+            out.write(part)
+            if out.tell() > limit:
+                raise ValueError(f'{label} expands to more than {limit} bytes')
 
 
 class Source(NamedTuple):

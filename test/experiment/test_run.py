@@ -10,7 +10,7 @@ import pytest
 from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
 
 from octo_arm_model.arm.errors import SolveError
-from octo_arm_model.bags.outputs import TrueArm
+from octo_arm_model.bags.outputs import true_config
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.cli.estimate import summary
 from octo_arm_model.estimation.measurements import Tensions
@@ -69,7 +69,7 @@ def test_the_touch_is_found_when_where_and_as_hard_as_it_was(is_smooth):
 def test_the_bands_hold_the_truth(is_smooth):
     found = result(is_smooth)
     time, force, stddev = forces(found)
-    corners, _ = touched().schedule(TrueArm(PARAMETERS, touched()).config)
+    corners, _ = touched().schedule(true_config(PARAMETERS, touched()))
     true = touched().touches(time, corners)
     # Where the arm is straight the prior of the force along it does not hold what never acts.
     bent = time > corners[3]
