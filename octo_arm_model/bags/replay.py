@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from rosbags.interfaces import Connection
@@ -34,24 +33,6 @@ _LISTED = 100  # messages left out that are listed for each topic; all are count
 _KNOWN = np.zeros((6, 6))  # covariance of the tip of an arm without uncertainty
 
 
-class Answer(NamedTuple):
-    """The answer to one message of tensions or displacements.
-
-    Attributes:
-        messages: bytes of the message on each of the topics, in order; `TENSION_ESTIMATES`, the
-            last, only if tendons are driven by length. None replaces a message that cannot be
-            written. It is empty if there is no trustworthy answer.
-        reason: reason why one or all messages are missing, or ''.
-        is_failure: whether the model had no answer, as opposed to a message that was refused.
-        backbone: the shape; None if there is no trustworthy answer.
-    """
-
-    messages: Sequence[bytes | None]
-    reason: str = ''
-    is_failure: bool = False
-    backbone: Backbone | None = None
-
-
 @dataclass
 class TopicReport:
     """The answers to the messages of one topic of tensions or displacements.
@@ -75,20 +56,13 @@ class TopicReport:
     reasons: dict[str, int] = field(default_factory=dict)
     refusals: Refusals = field(default_factory=Refusals)
 
-    def count(self, stamp_ns: int, answer: Answer) -> None:
-        """Count an ``answer`` to a message with a stamp [ns]."""
-        if answer.messages:
-            self.answered += 1
-            if answer.reason:
-                self.refusals.count('', answer.reason)
-            return
-        if answer.is_failure:
-            self.failed += 1
-        else:
-            self.refused += 1
-        self.refusals.count('', answer.reason)
+    def leave_out(self, stamp_ns: int, reason: str, is_failure: bool = False) -> None:
+        """Count a message with a stamp [ns] as refused, or as failed, for a ``reason``."""
+        self.failed += is_failure
+        self.refused += not is_failure
+        self.refusals.count('', reason)
         if len(self.skips) < _LISTED:
-            self.skips.append((stamp_ns, answer.reason))
+            self.skips.append((stamp_ns, reason))
 
 
 @dataclass
@@ -260,50 +234,59 @@ class _Answers:
         self.written = [description, *(connection.topic for connection in self._connections)]
 
     def answer(self, record: Record, report: Report, table: CsvAnswers | None) -> list[Message]:
-        """Return the messages that answer a ``record`` of this arm."""
+        """Return the messages that answer a ``record`` of this arm; none without a shape."""
         topic, reading = record.topic, self._inputs[record.topic](record)
-        answer = Answer((), reading.reason) if reading.is_refused else self._answer(reading)
         stamp, counts = reading.stamp_ns, report.topics[topic]
-        counts.count(stamp, answer)
-        if table is not None and answer.backbone is not None:
-            table.write(topic, stamp, answer.backbone, self._tendons)
         counts.unsorted += stamp < self._newest.get(topic, stamp)
         self._newest[topic] = stamp
-        answered = zip(self._connections, answer.messages)
+        if reading.is_refused:
+            counts.leave_out(stamp, reading.reason)
+            return []
+        try:
+            answer, messages = self._answer(reading)
+        except OctoArmError as error:
+            # Displacements may be of tendons that the arm does not have.
+            counts.leave_out(stamp, str(error), isinstance(error, SolveError))
+            return []
+        counts.answered += 1
+        if answer.unknown is not None:
+            counts.refusals.count('', f'{TIP_POSE} unknown: {answer.unknown}')
+        if table is not None:
+            table.write(topic, stamp, answer.backbone, self._tendons)
+        answered = zip(self._connections, messages)
         return [(one, record.received_ns, data) for one, data in answered if data is not None]
 
-    def _answer(self, reading: Reading) -> Answer:
+    def _answer(self, reading: Reading) -> tuple[DrivenShape, list[bytes | None]]:
+        """Return the shape for a ``reading``, and messages in the order of the topics.
+
+        `TENSION_ESTIMATES` is the last, only if tendons are driven by length. The pose of the tip
+        is None where its covariance is not known.
+        """
         arguments = reading.stamp_ns, reading.tensions, reading.displacements
         has_lengths, motion = TENDON_LENGTHS in self._answers, self._motion
         lengths: FloatArray | None = None
-        try:
-            if motion is None:
-                answer = self._winding.answer(self._solver, self._config, None, *arguments)
-                lengths = self._solver.tendon_lengths(answer.backbone) if has_lengths else None
-                are_wound = bool(self._winding.displacements)
-            else:
-                motion.read(*arguments)
-                state, are_wound = motion.state, motion.is_wound
-                answer = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
-                if self._config.uncertainty.is_any:
-                    unknown = ConfigError('the covariance of an arm that moves is not known')
-                    answer = answer._replace(covariance=None, unknown=unknown)
-                lengths = motion.dynamics.tendon_lengths(state) if has_lengths else None
-        except OctoArmError as error:
-            # Displacements may be of tendons that the arm does not have.
-            return Answer((), str(error), is_failure=isinstance(error, SolveError))
-        backbone, covariance, unknown_reason = answer
-        writer, stamp = self._writer, reading.stamp
-        tip_covariance = _KNOWN if covariance is None else covariance
-        messages: list[bytes | None] = [*writer.all(backbone, tip_covariance, *stamp)]
-        if covariance is None:
+        if motion is None:
+            answer = self._winding.answer(self._solver, self._config, None, *arguments)
+            lengths = self._solver.tendon_lengths(answer.backbone) if has_lengths else None
+            are_wound = bool(self._winding.displacements)
+        else:
+            motion.read(*arguments)
+            state, are_wound = motion.state, motion.is_wound
+            answer = DrivenShape(motion.dynamics.backbone(state), _KNOWN)
+            if self._config.uncertainty.is_any:
+                unknown = ConfigError('the covariance of an arm that moves is not known')
+                answer = answer._replace(covariance=None, unknown=unknown)
+            lengths = motion.dynamics.tendon_lengths(state) if has_lengths else None
+        writer, stamp, backbone = self._writer, reading.stamp, answer.backbone
+        covariance = _KNOWN if answer.covariance is None else answer.covariance
+        messages: list[bytes | None] = [*writer.all(backbone, covariance, *stamp)]
+        if answer.covariance is None:
             messages[self._answers.index(TIP_POSE)] = None
         if lengths is not None:
             messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
         if are_wound:
             messages.append(writer.tensions(backbone.tensions, *stamp))
-        reason = '' if unknown_reason is None else f'{TIP_POSE} unknown: {unknown_reason}'
-        return Answer(messages, reason, backbone=backbone)
+        return answer, messages
 
     def notes(self) -> list[str]:
         """Return remarks on the answers for the report."""
