@@ -56,6 +56,12 @@ class _Parser(argparse.ArgumentParser):
         self.register('action', None, _StoreOnce)
         self.register('action', 'store', _StoreOnce)
 
+    def parse_known_args(self, *args: Any, **options: Any) -> Any:
+        known, rest = super().parse_known_args(*args, **options)
+        if rest:  # otherwise the parser of all commands would report an option of one of them
+            self.error(f'unrecognized arguments: {" ".join(rest)}')
+        return known, rest
+
     def error(self, message: str) -> NoReturn:
         self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
 

@@ -1,5 +1,6 @@
 """The errors of the package: a class for each kind of failure, and their base class."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -115,9 +116,8 @@ class ConvergenceError(SolveError):
 
     def __init__(self, what: str, residual: float, iterations: int) -> None:
         """Compose the message; ``what`` is the iteration that did not converge."""
-        super().__init__(
-            f'{what} did not converge: residual {residual:.2e} after {iterations} iterations'
-        )
+        left = f'residual {residual:.2e}' if math.isfinite(residual) else 'no finite residual'
+        super().__init__(f'{what} did not converge: {left} after {iterations} iterations')
         self.residual = residual
         self.iterations = iterations
 

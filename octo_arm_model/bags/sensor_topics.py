@@ -21,7 +21,6 @@ from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
 
 NONE = '-'  # stands for a topic that is not used
-MOST_MESSAGES = 1_000_000  # of all topics, because they are kept in memory until all are read
 
 
 class StampedMeasurement(NamedTuple):
@@ -145,11 +144,8 @@ def read_tension_rows(
     ``refusals`` count the messages left out; ``done`` is called with 1 for each message.
 
     Raises:
-        BagError: if the bag is damaged, or has too many messages.
+        BagError: if the bag is damaged.
     """
-    if reader.count(sensors.all) > MOST_MESSAGES:
-        count = reader.count(sensors.all)
-        raise BagError(f'{reader.path}: {count} messages measured, at most {MOST_MESSAGES}')
     times, rows = [], []
     for record in reader.messages([sensors.tensions.topic]) if sensors.tensions else ():
         assert sensors.tensions is not None

@@ -6,13 +6,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
 from octo_arm_model.arm.loads import TIP_FRAMES
 from octo_arm_model.arm.material import LAWS, WATERS, WaterCoefficients
 from octo_arm_model.arm.validation import within
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.config.parameters import PARAMETERS
+from octo_arm_model.rod.displacements import check_displacements
 from octo_arm_model.rod.motion import STEPS
 from octo_arm_model.rod.solver import MODELS
 from octo_arm_model.simulation.moving_arm import STEP
@@ -243,10 +246,6 @@ def _read(
         'loads.tip_frame': options.tip_frame,
     }
     parameters = load_parameters(options.config)
-    if options.fluid_density == 0.0:  # What the file says of its water does not hold then.
-        for parameter in PARAMETERS:
-            if 'loads.fluid_density' in parameter.needs:
-                parameters.pop(parameter.name, None)
     parameters |= {name: value for name, value in replacements.items() if value is not None}
     parameters |= motion or {}
     parameters = {name: value for name, value in parameters.items() if value is not None}
@@ -304,6 +303,64 @@ def read_dynamic(options: argparse.Namespace) -> float | None:
         refuse_without_effect(options, ('--step',), 'without --dynamic')
         return None
     return within('--step', options.step, *STEPS, 's')
+
+
+def add_tensions(parser: Any, default: str) -> None:
+    """Add ``--tensions``; its help ends with the ``default`` of tendons that are not named."""
+    text = (
+        'tensions [N] by name of the tendon, e.g. tendon_1_1=0.4,tendon_1_2=1, or as JSON: by '
+        'name, or one row for each section, from the tip to the base, e.g. '
+        f"'[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'; {default}"
+    )
+    add_value(parser, '--tensions', 'TENSIONS', text)
+
+
+def read_tensions(text: str, arm: Arm) -> Any:
+    """Return the tensions of ``arm`` [N] in the ``text`` of --tensions, zero for others.
+
+    Raises:
+        TensionError: if they are not numbers by name or one set in JSON, or a tendon is unknown or
+            named twice.
+    """
+    given = read_by_name(text, '--tensions', "'[[0,0,0.5,0]]' or tendon_1_1=0.4")
+    if isinstance(given, dict):
+        check_displacements(arm, {}, given)
+        row = np.array([given.get(name, 0.0) for name in arm.tendon_names])
+        return row.reshape(arm.tension_shape)
+    first = given
+    for _ in range(2):
+        first = first[0] if isinstance(first, list) and first else None
+    if isinstance(first, list):
+        raise TensionError('--tensions holds several sets, expected one row for each section')
+    return given
+
+
+def read_by_name(text: str, option: str, example: str) -> Any:
+    """Return the numbers by name in a ``text`` NAME=NUMBER,..., or else its value as JSON.
+
+    Raises:
+        TensionError: if it is neither, or has a name twice, or other values by name than numbers.
+    """
+    if '=' not in text or text.lstrip()[:1] in '{[':
+        values = read_json(text, option, example)
+    else:
+        values = {}
+        for name, _, number in (word.strip().partition('=') for word in text.split(',')):
+            if name in values:
+                raise TensionError(f'{option} is {shown(text)}, expected each name once')
+            values[name] = _number(number)
+    if isinstance(values, dict) and any(
+        isinstance(value, bool) or not isinstance(value, (int, float)) for value in values.values()
+    ):
+        raise TensionError(f'{option} is {shown(values)}, expected numbers by name as {example}')
+    return values
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def read_json(text: str, option: str, example: str) -> Any:

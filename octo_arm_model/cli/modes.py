@@ -32,8 +32,7 @@ exit status: 0 done, 1 no stable equilibrium, 2 the input is wrong
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
     arguments.add_moving_arm(parser)
-    text = 'JSON, a row for each section from the tip [N] (default: zero)'
-    arguments.add_value(parser, '--tensions', 'ROWS', text)
+    arguments.add_tensions(parser, 'all others, or all, are slack')
     arguments.add_number(parser, '--count', 6, 'number of modes, the slowest first', 'N')
     arguments.add_path(parser, '--plot', 'PNG', 'picture of the shapes; needs matplotlib')
     arguments.add_json(parser, ', in SI units: frequencies, damping ratios and shapes')
@@ -45,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
     check_out(options, '--plot', folder=False, draws=True)
     tensions = np.zeros(config.arm.tension_shape)
     if options.tensions is not None:
-        tensions = arguments.read_json(options.tensions, '--tensions', "'[[0,0,0.5,0]]'")
+        tensions = arguments.read_tensions(options.tensions, config.arm)
     dynamics = config.dynamics()
     state = dynamics.at_rest(Inputs(tensions))
     found = modes(dynamics, state, options.count)

@@ -64,21 +64,18 @@ DESCRIPTION = """\
 Solve an arm for one set of tensions, or of lengths reeled in by winches, and print its shape.
 """
 EPILOG = ''
-_EXAMPLE = "'[[0,0,0.5,0]]'"
-_NAMED = '\'{"tendon_1_1": 0.02}\''
+_NAMED = 'tendon_1_1=0.02'
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
     arguments.add_config(parser)
+    arguments.add_tensions(parser, 'all others are slack')
     text = (
-        'tensions [N]: one row for each section, from the tip to the base, '
-        "e.g. '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'; with --displacements by name, for tendons "
-        'driven by tension; all others are slack'
+        f'lengths that winches have reeled in [m], by name of the tendon, e.g. {_NAMED}, or as '
+        'JSON; --tensions are by name then, of tendons driven by tension'
     )
-    arguments.add_value(parser, '--tensions', 'JSON', text)
-    text = f'lengths that winches have reeled in [m], by name of the tendon, e.g. {_NAMED}'
-    arguments.add_value(parser, '--displacements', 'JSON', text)
+    arguments.add_value(parser, '--displacements', 'LENGTHS', text)
     arguments.add_json(parser)
 
 
@@ -91,17 +88,11 @@ def run(options: argparse.Namespace) -> None:
         displacements = _by_name(options.displacements, '--displacements', _NAMED)
         tensions = {}
         if options.tensions is not None:
-            tensions = _by_name(options.tensions, '--tensions', '\'{"tendon_1_2": 1.5}\'')
+            tensions = _by_name(options.tensions, '--tensions', 'tendon_1_2=1.5')
         wound = solve_displacements(solver, displacements, tensions)
         backbone, slack = wound.backbone, wound.slack
     elif options.tensions is not None:
-        rows = arguments.read_json(options.tensions, '--tensions', _EXAMPLE)
-        first = rows
-        for _ in range(2):
-            first = first[0] if isinstance(first, list) and first else None
-        if isinstance(first, list):
-            raise TensionError('--tensions holds several sets, expected one row for each section')
-        backbone = solver.solve(rows)
+        backbone = solver.solve(arguments.read_tensions(options.tensions, solver.arm))
     else:
         raise TensionError('neither --tensions nor --displacements is given')
     if options.json:
@@ -113,10 +104,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _by_name(text: str, option: str, example: str) -> dict[str, float]:
-    """Return the numbers by tendon in a JSON ``option``; TensionError if it has others."""
-    values = arguments.read_json(text, option, example)
-    if not isinstance(values, dict) or any(
-        isinstance(value, bool) or not isinstance(value, (int, float)) for value in values.values()
-    ):
+    """Return the numbers by tendon in the ``text`` of an option; TensionError if others."""
+    values = arguments.read_by_name(text, option, example)
+    if not isinstance(values, dict):
         raise TensionError(f'{option} is {shown(values)}, expected numbers by name as {example}')
     return values

@@ -28,10 +28,11 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment.camera import Alignment, align
 from octo_arm_model.experiment.midlines import Curve
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.steady_windows import MAD, lengths_of
+from octo_arm_model.experiment.shape_changes import ShapeChange, shape_changes
+from octo_arm_model.experiment.steady_windows import MAD, wound_at
 from octo_arm_model.experiment.unknowns import ALIGNMENT, Readings, Unknowns
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.displacements import displacements_of, solve_displacements
+from octo_arm_model.rod.displacements import Wound, displacements_of
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.rod.stations import interpolated
 
@@ -51,11 +52,37 @@ _NO_ANSWER = (SolveError, TensionError, ArmDefinitionError)
 
 
 class SolvedSteps(NamedTuple):
-    """The steps at one x: shapes, and expected encoder readings (steps, tendons) [m]."""
+    """The steps at one x.
 
-    backbones: tuple[Backbone, ...]
-    curves: tuple[Curve, ...]
-    readings: FloatArray
+    Attributes:
+        solver: the solver of the arm.
+        solutions: a solution for each step.
+        curves: their shapes.
+        lengths: lengths reeled in (tendons,) [m], if encoder readings are residuals.
+    """
+
+    solver: Solver
+    solutions: tuple[Backbone | Wound, ...]
+    curves: tuple[Curve, ...] = ()
+    lengths: tuple[FloatArray, ...] = ()
+
+    @property
+    def backbones(self) -> list[Backbone]:
+        """The shapes at all stations."""
+        return [one.backbone if isinstance(one, Wound) else one for one in self.solutions]
+
+    def moved(self, changes: Sequence[ShapeChange], by: float) -> 'SolvedSteps':
+        """Return the steps with an unknown changed ``by`` this, to first order."""
+        curves = [
+            Curve(curve.points + by * change.position)
+            for curve, change in zip(self.curves, changes, strict=True)
+        ]
+        lengths = [
+            length + by * change.lengths
+            for length, change in zip(self.lengths, changes)
+            if change.lengths is not None
+        ]
+        return self._replace(curves=tuple(curves), lengths=tuple(lengths))
 
 
 class Problem:
@@ -74,8 +101,8 @@ class Problem:
         self._of_arm = [n for n, name in enumerate(unknowns.names) if name not in ALIGNMENT]
         self._weight, self._is_weighed = 1.0, False
         # Shapes are cached by the unknowns of the arm, because they do not depend on the camera.
-        self._solved = functools.lru_cache(maxsize=2)(self._solve)
-        self._derivatives = functools.lru_cache(maxsize=2)(self._differentiate)
+        self._solved = functools.lru_cache(maxsize=4)(self._solve)
+        self._derivatives = functools.lru_cache(maxsize=4)(self._differentiate)
 
     def _solve(self, of_arm: tuple[float, ...]) -> SolvedSteps:
         x = self.unknowns.start.copy()
@@ -84,26 +111,23 @@ class Problem:
 
     def solve_steps(self, x: FloatArray) -> SolvedSteps:
         """Solve all steps; tendons with friction continue from the previous step."""
-        unknowns, readings = self.unknowns, self.unknowns.readings
-        solver = unknowns.solver(x)
-        if readings.are_lengths:
-            names, shapes, last = solver.arm.tendon_names, [], None
-            for read in unknowns.lengths(x):
-                last = solve_displacements(solver, lengths_of(names, read), start=last)
-                shapes.append(last.backbone)
-        else:
-            shapes = followed(solver, [unknowns.tensions(x, read) for read in readings.tensions])
-        expected = np.full(readings.displacements.shape, np.nan)
-        if unknowns.reads_encoders:
-            lengths = np.array([displacements_of(solver, shape).ravel() for shape in shapes])
-            expected = unknowns.readings_of(x, lengths)
-        curves = tuple(Curve(shape.position) for shape in shapes)
-        return SolvedSteps(tuple(shapes), curves, expected)
+        solver, inputs = self.unknowns.solver(x), self.unknowns.inputs(x)
+        solve = wound_at if self.unknowns.readings.are_lengths else followed
+        steps = SolvedSteps(solver, tuple(solve(solver, inputs)))
+        curves, lengths = [Curve(shape.position) for shape in steps.backbones], []
+        if self.unknowns.reads_encoders:
+            lengths = [displacements_of(solver, shape).ravel() for shape in steps.backbones]
+        return steps._replace(curves=tuple(curves), lengths=tuple(lengths))
+
+    def changes(self, x: FloatArray) -> dict[str, list[ShapeChange]]:
+        """Return the derivatives of all steps by unknowns at ``x``, by name, where known."""
+        solved = self._at(x)
+        return shape_changes(self.unknowns, x, solved.solver, solved.solutions)
 
     def _at(self, x: FloatArray) -> SolvedSteps:
         return self._solved(tuple(x[self._of_arm].tolist()))
 
-    def backbones(self, x: FloatArray) -> tuple[Backbone, ...]:
+    def backbones(self, x: FloatArray) -> list[Backbone]:
         """Return the solutions of all steps at ``x``.
 
         Raises:
@@ -114,7 +138,10 @@ class Problem:
 
     def residuals(self, x: FloatArray) -> list[FloatArray]:
         """Return the measured points of each step minus the model's at ``x``, (m, 3) [m]."""
-        alignment, solved = self.unknowns.alignment(x), self._at(x)
+        return self._camera(x, self._at(x))
+
+    def _camera(self, x: FloatArray, solved: SolvedSteps) -> list[FloatArray]:
+        alignment = self.unknowns.alignment(x)
         return [
             shape_residuals(shape, alignment.to_base(shape.points), backbone, curve)
             for shape, backbone, curve in zip(
@@ -128,15 +155,20 @@ class Problem:
         The residuals of encoders, with one coordinate each, come before the `residuals` of the
         camera, and are weighted so that both have the same scale.
         """
-        camera = self.residuals(x)
+        return self._weighed(x, self._at(x))
+
+    def _weighed(self, x: FloatArray, solved: SolvedSteps) -> list[FloatArray]:
+        camera = self._camera(x, solved)
         if not self.unknowns.reads_encoders:
             return camera
-        encoders = [np.outer(self._weight * read, (1.0, 0.0, 0.0)) for read in self._encoders(x)]
+        read = self._encoders(x, solved)
+        encoders = [np.outer(self._weight * away, (1.0, 0.0, 0.0)) for away in read]
         return [np.concatenate(pair) for pair in zip(encoders, camera, strict=True)]
 
-    def _encoders(self, x: FloatArray) -> list[FloatArray]:
+    def _encoders(self, x: FloatArray, solved: SolvedSteps) -> list[FloatArray]:
         """Return the readings of taut tendons minus the model's, for each step (taut,) [m]."""
-        away = self.unknowns.readings.displacements - self._at(x).readings
+        expected = self.unknowns.readings_of(x, np.array(solved.lengths))
+        away = self.unknowns.readings.displacements - expected
         return [row[taut] for row, taut in zip(away, self.unknowns.taut, strict=True)]
 
     def jacobian(self, x: FloatArray) -> list[FloatArray]:
@@ -144,21 +176,28 @@ class Problem:
         return self._derivatives(tuple(x.tolist()), self._weight)
 
     def _differentiate(self, at: tuple[float, ...], weight: float) -> list[FloatArray]:
-        """Return central differences; there are no other derivatives where a tendon sticks."""
+        """Return central differences of residuals of shapes moved by their first derivatives.
+
+        Shapes without one are solved again: where friction makes a tendon stick there is none.
+        """
         x = np.array(at)
+        solved, changes = self._at(x), self.changes(x)
         residuals = np.concatenate(self.weighed(x))
         columns = []
         for number, unknown in enumerate(self.unknowns.unknowns):
             sides = [(x[number], residuals)]
-            # Residuals are linear in small motions of the camera, so that one side is enough.
-            for step in (1.0,) if unknown.name in ALIGNMENT else (-1.0, 1.0):
+            for step in (-_STEP * unknown.scale, _STEP * unknown.scale):
                 moved = x.copy()
-                shifted = x[number] + step * _STEP * unknown.scale
-                moved[number] = min(max(shifted, unknown.low), unknown.high)
+                moved[number] = min(max(x[number] + step, unknown.low), unknown.high)
                 try:
-                    sides.append((moved[number], np.concatenate(self.weighed(moved))))
+                    steps = (
+                        solved.moved(changes[unknown.name], moved[number] - x[number])
+                        if unknown.name in changes
+                        else self._at(moved)
+                    )
                 except _NO_ANSWER:
                     continue
+                sides.append((moved[number], np.concatenate(self._weighed(moved, steps))))
             if len(sides) == 1:
                 raise SolveError(f'no answer beside {unknown.name} of {unknown.value(at[number])}')
             (low, before), (high, after) = sides[-2:]
@@ -175,7 +214,7 @@ class Problem:
 
     def encoder_scale(self, x: FloatArray) -> float:
         """Return the scale of the encoder residuals at ``x`` [m], that is their accuracy."""
-        away = np.concatenate(self._encoders(x))[:, np.newaxis]
+        away = np.concatenate(self._encoders(x, self._at(x)))[:, np.newaxis]
         return _scale_of(away, ENCODERS_FINEST * self.length)
 
     def scale(self, x: FloatArray) -> float:
@@ -340,11 +379,11 @@ def shape_residuals(
 ) -> FloatArray:
     """Return the points of a ``shape``, ``measured`` (m, 3) in base_frame, minus the model's [m].
 
-    ``curve`` is that of the ``backbone``, if it is known already.
+    The model's shape is the ``curve`` if given, else that of the ``backbone``.
     """
-    if shape.s is not None:
-        return measured - interpolated(shape.s, backbone.s, backbone.position)
     curve = curve or Curve(backbone.position)
+    if shape.s is not None:
+        return measured - interpolated(shape.s, backbone.s, curve.points)
     return measured - curve.along(curve.fractions(measured))
 
 

@@ -25,6 +25,7 @@ from octo_arm_model.experiment.identification import (
 )
 from octo_arm_model.experiment.midlines import Curve
 from octo_arm_model.experiment.observations import MeasuredShape
+from octo_arm_model.experiment.shape_changes import ShapeChange
 from octo_arm_model.experiment.unknowns import FINE_STATIONS, OF_WATER, Readings, Unknowns
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.motion import Dynamics
@@ -97,8 +98,12 @@ class MotionProblem(Problem):
         found, reason = moving_shapes(dynamics, self._trajectory, self.shapes)
         if reason:
             raise SolveError(reason)
-        nothing = np.full(self.unknowns.readings.displacements.shape, np.nan)
-        return SolvedSteps(tuple(found), tuple(Curve(one.position) for one in found), nothing)
+        curves = tuple(Curve(one.position) for one in found)
+        return SolvedSteps(dynamics.solver, tuple(found), curves)
+
+    def changes(self, x: FloatArray) -> dict[str, list[ShapeChange]]:
+        """Return nothing: a motion has no derivatives but differences."""
+        return {}
 
 
 def identify_motion(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -67,6 +67,7 @@ _FRAME_COLOUR = '0.78'
 # An arm farther out of the main plane than this part of the length has a second view.
 _FLAT = 0.05
 _MOST_FRAMES = 30
+_MANY, _BINS = 40, 10  # steps from which on errors have medians, and bins of tension for these
 _MOMENTS = 12  # moments of a motion in one picture
 _MARKERS = {LOADING: ('^', True, 'loading'), UNLOADING: ('v', False, 'unloading')}
 
@@ -225,51 +226,58 @@ def _draw_tip(moving: ModelComparison) -> Any:
 
 
 def _draw_errors(comparisons: Sequence[ModelComparison]) -> Any:
-    """Draw the errors of the steps over their tensions: signed, in order of time, and unsigned."""
-    figure = Figure(figsize=(11.4, 4.8), layout='constrained')
-    signed, plain = figure.subplots(1, 2)
-    for comparison in comparisons:
-        tension = np.array([step.shape.tension for step in comparison.steps])
-        # The paper's two models agree for one section: the first is drawn wider.
-        width = 1.6 if comparison.model != 'renda2012' else 4.0
-        style: dict[str, Any] = {'color': LINES[comparison.model]['color'], 'linewidth': width}
-        bend, sized = comparison.bend_percent, {**style, 'markersize': 5.0 + width}
-        signed.plot(tension, bend, '-', **style, alpha=0.6)
-        branches = np.array([step.direction for step in comparison.steps])
-        for branch in dict.fromkeys(branches[np.isfinite(bend)]):
-            marker, is_full, label = _MARKERS.get(branch, ('o', True, str(branch)))
-            at, face = branches == branch, style['color'] if is_full else 'white'
-            text = f'{comparison.model}, {label}'
-            signed.plot(tension[at], bend[at], marker, **sized, markerfacecolor=face, label=text)
-        for name, line, label in (('tip', 'o-', 'tip'), ('mean', 'x--', 'mean of midline')):
-            percent = comparison.percent(name)
-            if not np.isfinite(percent).any():
-                continue
-            text = f'{comparison.model}, {label}'
-            for at in _branches(branches, tension):
-                face = 'white' if branches[at[-1]] == UNLOADING else style['color']
-                plain.plot(
-                    tension[at], percent[at], line, **sized, markerfacecolor=face, label=text
-                )
-                text = ''
-    signed.axhline(0.0, color='0.5', linewidth=0.8, zorder=0)
-    signed.set(xlabel='sum of tensions [N]', ylabel='signed error of the tip [% of L]')
-    signed.set_title('> 0: the arm bends farther than the model')
-    plain.set(xlabel='sum of tensions [N]', ylabel='error [% of L]')
-    plain.set_title('Model against measurement, by steady step')
-    plain.set_ylim(bottom=0.0)
-    for panel in (signed, plain):
+    """Draw the errors of the steps over their tensions, signed and unsigned."""
+    errors = {
+        'signed error of the tip [% of L]': [one.bend_percent for one in comparisons],
+        'error of the tip [% of L]': [one.percent('tip') for one in comparisons],
+        'mean error of the midline [% of L]': [one.percent('mean') for one in comparisons],
+    }
+    drawn = {name: rows for name, rows in errors.items() if np.isfinite(rows[0]).any()}
+    figure = Figure(figsize=(5.7 * len(drawn), 4.8), layout='constrained')
+    panels = figure.subplots(1, len(drawn), squeeze=False)[0]
+    for panel, (name, rows) in zip(panels, drawn.items(), strict=True):
+        for comparison, percent in zip(comparisons, rows, strict=True):
+            _draw_points(panel, comparison, percent)
+        panel.set(xlabel='sum of tensions [N]', ylabel=name)
         panel.grid(alpha=0.3)
         panel.legend(frameon=False, fontsize='small')
+        if name.startswith('signed'):
+            panel.axhline(0.0, color='0.5', linewidth=0.8, zorder=0)
+            panel.set_title('> 0: the arm bends farther than the model', fontsize='medium')
+        else:
+            panel.set_ylim(bottom=0.0)
     return figure
 
 
-def _branches(branches: Any, tension: FloatArray) -> Iterator[Any]:
-    """Yield the indices of the steps of each direction, by tension; rest counts as loading."""
-    branches = np.where(branches == REST, LOADING, branches)
-    for branch in dict.fromkeys(branches):
-        at = np.flatnonzero(branches == branch)
-        yield at[np.argsort(tension[at], kind='stable')]
+def _draw_points(panel: Any, comparison: ModelComparison, percent: FloatArray) -> None:
+    """Draw the errors of one model, with a line for each direction in which steps were reached.
+
+    Of many steps the line goes through the medians of bins of tension, whatever the direction.
+    """
+    colour = LINES[comparison.model]['color']
+    # The paper's two models agree for one section: the first is drawn wider.
+    width = 1.6 if comparison.model != 'renda2012' else 4.0
+    known = np.isfinite(percent)
+    tension = np.array([step.shape.tension for step in comparison.steps])[known]
+    directions = np.array([step.direction for step in comparison.steps])[known]
+    percent, directions = percent[known], np.where(directions == REST, LOADING, directions)
+    is_many = len(percent) > _MANY
+    for direction in dict.fromkeys(directions):
+        marker, is_full, label = _MARKERS.get(direction, ('o', True, str(direction)))
+        at = np.flatnonzero(directions == direction)
+        at = at[np.argsort(tension[at], kind='stable')]
+        style = {'color': colour, 'markerfacecolor': colour if is_full else 'white'}
+        if is_many:
+            style |= {'linestyle': '', 'alpha': 0.4, 'markersize': 3.0}
+        else:
+            style |= {'linewidth': width, 'markersize': 5.0 + width}
+            style |= {'label': f'{comparison.model}, {label}'}
+        panel.plot(tension[at], percent[at], marker=marker, **style)
+    if is_many:
+        bins = np.array_split(np.argsort(tension, kind='stable'), _BINS)
+        medians = [[np.median(values[part]) for part in bins] for values in (tension, percent)]
+        text = f'{comparison.model}, medians of {len(bins[0])} steps'
+        panel.plot(*medians, 's-', color=colour, linewidth=width, label=text)
 
 
 _FEW = 2  # points of a shape that has no residuals along the arm, such as a tip

@@ -69,15 +69,15 @@ def read_recording(  # noqa: PLR0913 - options of a command
     if path is None:
         if given is None:
             raise ConfigError('no arm: without a bag it has to be given by --config')
-        return _gather(None, given, measured, files, calibration)
+        return _gather(None, {**given, **calibration}, measured, files)
     # These imports need rosbags.
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.experiment.bag_recording import BagRecording
+    from octo_arm_model.experiment.bag_recording import BagRecording, sensed_by
 
     with BagReader(path) as reader:
         bag = BagRecording(reader, tensions, displacements, files, Count(progress))
         parameters = bag.described() if given is None else given
-        return _gather(bag, parameters, measured, files, calibration)
+        return _gather(bag, sensed_by(bag.reader, parameters, calibration), measured, files)
 
 
 def _check_sources(
@@ -123,11 +123,9 @@ def _gather(
     parameters: dict[str, Any],
     measured: MarkerSources,
     files: CsvSources,
-    calibration: Mapping[str, Any],
 ) -> Recording:
     """Read tensions, encoder readings and frames, each from a file or from the ``bag``."""
     refusals, notes = Refusals(), [] if bag is None else bag.notes
-    parameters = {**parameters, **calibration}
     config = Config.from_parameters(parameters)
     points = MeasuredPoints(measured, config.arm.length)
     # Topics are chosen before anything is read, because those of measured points may be missing.

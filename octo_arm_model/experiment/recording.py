@@ -16,6 +16,7 @@ from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.wire.messages import Refusals
 
 MOST_MARKERS = 1000
+MOST_MESSAGES = 1_000_000  # of all topics, because what they hold is kept in memory
 LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
 # Range of the extent of a midline in metres, over the length of the arm.
 _LENGTHS = (0.02, 2.0)
@@ -175,11 +176,11 @@ def check_marker_s(s: Sequence[float], length: float) -> FloatArray:
 
 
 class Count:
-    """Counts the work done, and all the work known so far.
+    """Counts the messages of a bag that are read, and all that are known so far.
 
     Attributes:
-        done: amount of work done.
-        total: amount of all known work.
+        done: number of messages read.
+        total: number of all messages known.
     """
 
     def __init__(self, report: Callable[[int, int], None] = lambda done, total: None) -> None:
@@ -187,12 +188,16 @@ class Count:
         self._report, self.done, self.total = report, 0, 0
 
     def expect(self, more: int) -> None:
-        """Add ``more`` work to do."""
+        """Add ``more`` messages to read; MeasurementError if they are too many."""
         self.total += more
+        if self.total > MOST_MESSAGES:
+            raise MeasurementError(
+                f'{self.total} messages to read, expected at most {MOST_MESSAGES}'
+            )
         self._report(self.done, self.total)
 
     def add(self, some: int = 1) -> None:
-        """Count ``some`` work as done."""
+        """Count ``some`` messages as read."""
         self.done += some
         self._report(self.done, self.total)
 

@@ -21,7 +21,7 @@ from octo_arm_model.bags.topics import MIDLINE, describe, in_namespace, usual_to
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.model import PATIENT, ArmModel
 from octo_arm_model.estimation.settings import PREFIX, EstimatorSettings, TensionStatistics
-from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics, notes_on
+from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics, notes_on, sensed_by
 from octo_arm_model.experiment.camera import Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
 from octo_arm_model.experiment.observations import Pairing, base_first, camera_offset
@@ -111,9 +111,8 @@ def read_sensor_recording(
     """
     sensors = find_sensors(reader, sources.tensions, sources.others, sources.marker_names)
     found = sources.parameters
-    given = dict(found if found is not None else describe(reader, sensors.prefix))
-    given.update(sources.values)
-    given.update(sources.calibration)
+    described = found if found is not None else describe(reader, sensors.prefix)
+    given = sensed_by(reader, {**described, **sources.values}, sources.calibration)
     own = {name: given.pop(name) for name in list(given) if name.startswith(PREFIX)}
     config = Config.from_parameters(given)
     refusals, notes = Refusals(), notes_on(reader)

@@ -6,8 +6,9 @@ NaN, because each encoder may publish its own messages.
 """
 
 import dataclasses
+import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from octo_arm_model.arm.validation import not_negative, positive
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.rod.displacements import Wound, solve_displacements
+from octo_arm_model.rod.solver import Solver
 
 # The default tolerance is this part of the highest tension, or this multiple of the noise.
 _PART = 0.02
@@ -284,33 +286,33 @@ def by_length(windows: Sequence[Window], config: Config) -> list[Window]:
     Raises:
         SolveError: if lengths of a window cannot be held.
     """
-    solver, names = config.solver('exact'), config.arm.tendon_names
+    lengths = [window.displacements for window in windows if window.displacements is not None]
+    wound = wound_at(config.solver('exact'), lengths)
     found: list[Window] = []
-    last: Wound | None = None
     for window in windows:
-        assert window.displacements is not None
         try:
-            last = solve_displacements(solver, lengths_of(names, window.displacements), start=last)
+            tensions = next(wound).backbone.tensions.ravel()
         except (SolveError, TensionError) as error:
             raise SolveError(
                 f'lengths held from {window.start:.3f} to {window.stop:.3f} s: {error}'
             ) from error
-        tensions = last.backbone.tensions.ravel()
-        found.append(
-            dataclasses.replace(
-                window, tensions=tensions, noise=np.zeros(tensions.size), is_driven=True
-            )
-        )
+        noise = np.zeros(tensions.size)
+        found.append(dataclasses.replace(window, tensions=tensions, noise=noise, is_driven=True))
     return found
 
 
-def lengths_of(names: Sequence[str], displacements: FloatArray) -> dict[str, float]:
-    """Return the lengths reeled in [m] by name, for tendons with an encoder reading."""
-    return {
-        name: float(length)
-        for name, length in zip(names, displacements, strict=True)
-        if np.isfinite(length)
-    }
+def wound_at(solver: Solver, lengths: Iterable[FloatArray]) -> Iterator[Wound]:
+    """Solve for ``lengths`` reeled in (tendons,) [m] one after the other, NaN for free tendons.
+
+    Raises:
+        OctoArmError: if lengths cannot be held.
+    """
+    last: Wound | None = None
+    for row in lengths:
+        pairs = zip(solver.arm.tendon_names, row.tolist(), strict=True)
+        held = {name: length for name, length in pairs if math.isfinite(length)}
+        last = solve_displacements(solver, held, start=last)
+        yield last
 
 
 LOADING, UNLOADING, MIXED, REST = 'loading', 'unloading', 'mixed', 'rest'

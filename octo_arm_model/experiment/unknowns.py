@@ -378,12 +378,15 @@ class Unknowns:
         self.start = np.array([unknown.start for unknown in self.unknowns])
         self.names = tuple(unknown.name for unknown in self.unknowns)
 
+    def unknown(self, name: str) -> Unknown:
+        """Return the unknown of this ``name``."""
+        return self.unknowns[self.names.index(name)]
+
     def value(self, x: FloatArray, name: str, default: float) -> float:
         """Return the value of the unknown ``name`` at ``x``, or ``default`` if it is not one."""
         if name not in self.names:
             return default
-        number = self.names.index(name)
-        return self.unknowns[number].value(float(x[number]))
+        return self.unknown(name).value(float(x[self.names.index(name)]))
 
     def alignment(self, x: FloatArray) -> Alignment:
         """Return the transform camera to base at ``x``."""
@@ -391,8 +394,16 @@ class Unknowns:
         parts = [self.value(x, name, one) for name, one in zip(ALIGNMENT, begun, strict=True)]
         return Alignment(np.array(parts[3:]), np.array(parts[:3]))
 
-    def tensions(self, x: FloatArray, read: FloatArray) -> FloatArray:
-        """Return the tensions [N], (tendons,), for ``read`` ones; slack tendons have no offset."""
+    def inputs(self, x: FloatArray) -> FloatArray:
+        """Return what acts on the tendons in all steps at ``x``, (steps, tendons).
+
+        These are tensions [N], where slack tendons have no offset, or without load cells the
+        lengths reeled in [m], NaN without an encoder.
+        """
+        read = self.readings.tensions
+        if self.readings.are_lengths:
+            begun = self.readings.displacements - self._encoder_offset
+            return self._spool(x) * begun + self._encoder_offset - self._zeros(x)
         scale, offset = self.value(x, 'tension_scale', 1.0), self.value(x, 'tension_offset', 0.0)
         return np.maximum(scale * read + offset * (read > self.slack), 0.0)
 
@@ -458,11 +469,6 @@ class Unknowns:
         """Return the solver of the arm at ``x``; ArmDefinitionError if the arm is impossible."""
         config = Config.from_parameters(self.parameters(x))
         return config.solver(stations=max(config.stations, FINE_STATIONS))
-
-    def lengths(self, x: FloatArray) -> FloatArray:
-        """Return the lengths reeled in for the encoder readings at ``x``, (steps, tendons) [m]."""
-        begun = self.readings.displacements - self._encoder_offset
-        return self._spool(x) * begun + self._encoder_offset - self._zeros(x)
 
     def readings_of(self, x: FloatArray, lengths: FloatArray) -> FloatArray:
         """Return the encoder readings for reeled-in ``lengths`` (steps, tendons) [m]."""

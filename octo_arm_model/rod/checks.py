@@ -240,7 +240,11 @@ def explain(problem: Problem, tensions: FloatArray, error: ConvergenceError) -> 
         s = problem.elements.s[node]
         return SolveError(f'tensions shorten a tendon to nothing at s = {s:.4g} m')
     if tables.compliance.any():
-        equations = 'the balance of the cross sections, with tendons in compliant sheaths,'
+        equations = (
+            f'the balance of the cross sections, with {tensions.max():.3g} N in a sheath of '
+            f'{1.0 / tables.compliance.max():.3g} Pa (expected tendons.sheath_stiffness to be '
+            'larger, or tensions lower),'
+        )
         return ConvergenceError(equations, error.residual, error.iterations)
     return error
 

@@ -219,6 +219,27 @@ def test_a_table_of_poses_without_time_or_header_is_compared_and_replayed(tmp_pa
         assert not {'/measured/midline', '/measured/tip_pose'} & {*reader.topics}
 
 
+def test_a_replayed_table_of_motors_is_compared_with_the_config_of_the_motors(
+    tmp_path, cli, poses
+):
+    """The bag of a table has lengths of tendons, which are not calibrated again."""
+    table, tips, bag = tmp_path / 'motors.csv', tmp_path / 'tips.csv', tmp_path / 'shapes'
+    counts = np.zeros((len(PULLS), 4))
+    counts[:, 0] = poses[0] - ZERO
+    names = [f'm{number}' for number in range(4)]
+    own = {'model': 'exact', 'displacement_names': names, 'displacement_scale': [PER_COUNT]}
+    config = arm_file(tmp_path, {**PARAMETERS, **own})
+    rows = np.column_stack([np.arange(len(PULLS)), poses[1]])
+    np.savetxt(table, counts, delimiter=',', header=','.join(names), comments='')
+    np.savetxt(tips, rows, delimiter=',', header='time,x,y,z', comments='')
+    status, _, _ = cli(f'replay {table} {bag} --config {config}')
+    command = f'compare {bag} --midline-csv {tips} --poses {AS_IT_IS}'
+    errors = tip_errors(cli.json(f'{command} --config {config}'))
+    assert status == 0 and len(errors) == len(PULLS) and max(errors) < 0.2
+    again = f'{command} --config {config} --spools 1'
+    assert 'made from motors.csv, its readings are those of tendons' in cli.refused(again)
+
+
 def test_a_table_is_estimated_as_a_bag_is(tmp_path, cli, poses):
     table = tmp_path / 'poses.csv'
     names = ','.join(f'tendon_1_{number} [N]' for number in (1, 2, 3, 4))

@@ -31,6 +31,7 @@ from scipy.spatial.transform import Rotation
 from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError, SolveError
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment import bag_recording
+from octo_arm_model.experiment import recording as recordings
 from octo_arm_model.experiment.camera import Alignment, clock_offset, undetermined
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fit import fit_alignment, followed
@@ -518,6 +519,14 @@ def test_how_many_transforms_are_kept_is_bounded(tmp_path, cli, monkeypatch):
     monkeypatch.setattr(bag_recording, 'MOST_TRANSFORMS', 10)
     line = cli.refused('compare', chain_bag(tmp_path / 'bag'), *OPTIONS)
     assert 'more than 10 transforms' in line
+
+
+@pytest.mark.parametrize('command', ['compare', 'identify', 'estimate'])
+def test_how_many_messages_are_read_is_bounded(command, tmp_path, cli, monkeypatch):
+    monkeypatch.setattr(recordings, 'MOST_MESSAGES', 100)
+    bag = bag_of(tmp_path / 'bag', [description(), *lab()])
+    line = cli.refused(command, bag)
+    assert 'messages to read, expected at most 100' in line
 
 
 LEVEL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

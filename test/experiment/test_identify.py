@@ -5,6 +5,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+import differences
 import numpy as np
 import pytest
 from checkout import ROOT
@@ -27,7 +28,7 @@ from scipy.stats import binom
 from octo_arm_model import Config, ConfigError, displacements_of
 from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.compare import compare
-from octo_arm_model.experiment.fit import followed
+from octo_arm_model.experiment.fit import Problem, followed
 from octo_arm_model.experiment.identification import (
     Identification,
     best_of,
@@ -38,7 +39,7 @@ from octo_arm_model.experiment.identify import identify
 from octo_arm_model.experiment.midlines import resample
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.steady_windows import by_length
-from octo_arm_model.experiment.unknowns import move_tendons
+from octo_arm_model.experiment.unknowns import Readings, Unknowns, move_tendons
 
 STIFF = {**PARAMETERS, 'material.youngs_modulus': TRUE}
 ROUGH = {**STIFF, 'tendons.friction': [0.2]}
@@ -282,6 +283,38 @@ def test_what_cannot_be_fitted_is_refused(model, fits, changes, message):
     ]
     with pytest.raises(ConfigError, match=message):
         fitted(steps, *fits, model=model)
+
+
+@pytest.mark.parametrize(
+    ('model', 'has_cells', 'fits'),
+    [
+        ('exact', True, 'tension_scale tension_offset sheath_stiffness displacement_scale'),
+        ('exact', True, 'youngs_modulus poisson_ratio tendon_offsets axial_stiffness'),
+        ('exact', False, 'youngs_modulus poisson_ratio tendon_offsets axial_stiffness alignment'),
+        ('exact', False, 'sheath_stiffness displacement_scale displacement_offset rest_torsion'),
+        ('renda2012', True, 'youngs_modulus tension_offset axial_stiffness alignment'),
+        ('closed_form', True, 'youngs_modulus tension_scale displacement_scale rest_curvature'),
+    ],
+)
+def test_the_jacobian_of_a_fit_is_that_of_differences(model, has_cells, fits):
+    """At tips: a point between stations has a derivative of its own on either side of each."""
+    own = {'tendons.sheath_stiffness': [2.5e5]} if model == 'exact' else {}
+    if model != 'renda2012':  # Offsets of winding tendons change their unloaded lengths.
+        own |= {'tendons.twist': [2.0] * 4, 'sections.offset_anchorage': [0.005]}
+    start = {**GUESS, **own, 'material.poisson_ratio': 0.4}
+    pulls = [np.array(pull) for pull in ((1.0, 0.6, 0.0, 0.0), (0.0, 1.5, 0.8, 0.0))]
+    steps = tips(winches(pulls, model, **FREE, **own))
+    steps = steps if has_cells else without_cells(steps, start)
+    unknowns = Unknowns(start, model, fits.split(), Readings.of(steps), FAR)
+    problem = Problem(steps, unknowns)
+    found = np.concatenate(problem.jacobian(unknowns.start))
+    scales = np.array([one.scale for one in unknowns.unknowns])
+    expected = differences.jacobian(
+        lambda x: np.concatenate(problem.weighed(x)), unknowns.start, 1e-3 * scales
+    )
+    largest = np.abs(expected).max(axis=(0, 1))
+    assert (largest * scales > 0.0).all()
+    assert_allclose(found / largest, expected / largest, atol=1e-6)
 
 
 # Intervals ---------------------------------------------------------------------------------------
