@@ -221,10 +221,8 @@ class Problem:
         """Return the scale of the robust loss [m], from the residuals at ``x``."""
         return _scale_of(np.concatenate(self.residuals(x)), _FINEST * self.length)
 
-    def minimise(
-        self, x: FloatArray, scale: float | None, steps: Sequence[int] | None = None
-    ) -> FloatArray:
-        """Minimise the sum of the robust loss over ``steps``, all if None, starting at ``x``.
+    def minimise(self, x: FloatArray, scale: float | None) -> FloatArray:
+        """Minimise the sum of the robust loss over all steps, starting at ``x``.
 
         Without a ``scale`` the loss is the sum of squares.
 
@@ -232,32 +230,24 @@ class Problem:
             SolveError: if the model has no solution at ``x``.
             ConvergenceError: if no minimum is found.
         """
-        chosen = range(len(self.shapes)) if steps is None else steps
         # No solution at the start is an error, while a later one is a rejected trial.
-        initial = self.weighed(x)
-        size = sum(initial[step].size for step in chosen)
+        size = sum(part.size for part in self.weighed(x))
 
         def fun(x: FloatArray) -> FloatArray:
             try:
-                away = self.weighed(x)
+                return np.concatenate(self.weighed(x)).ravel()
             except _NO_ANSWER:
                 # Infinite residuals make the optimiser shorten a step without a solution.
                 return np.full(size, np.inf)
-            return np.concatenate([away[step] for step in chosen]).ravel()
 
-        def jacobian(x: FloatArray) -> FloatArray:
-            derivatives = self.jacobian(x)
-            return np.concatenate([derivatives[step] for step in chosen]).reshape(-1, x.size)
-
-        unknowns = self.unknowns.unknowns
-        low, high = ([getattr(u, end) for u in unknowns] for end in ('low', 'high'))
+        low, high = self.unknowns.bounds
         result = least_squares(
             fun,
             np.clip(x, low, high),
-            jacobian,
+            lambda x: np.concatenate(self.jacobian(x)).reshape(-1, x.size),
             bounds=(low, high),
             method='trf',
-            x_scale=[u.scale for u in unknowns],
+            x_scale=[u.scale for u in self.unknowns.unknowns],
             loss='linear' if scale is None else _soft_loss,
             f_scale=1.0 if scale is None else scale,
             ftol=_TOLERANCE,
@@ -270,6 +260,38 @@ class Problem:
                 f'the fit of {self.unknowns.model}', float(result.optimality), int(result.nfev)
             )
         return result.x
+
+    def without(
+        self, x: FloatArray, scale: float | None, folds: Sequence[Sequence[int]]
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """Return to first order the fits near ``x`` without the steps of each of ``folds``.
+
+        These are one step of Newton's method from the minimum ``x`` of the loss of this ``scale``,
+        with the shapes linear in x.
+
+        Returns:
+            The fits (folds, n), and residuals of the left-out steps (m, 3) in their order [m].
+        """
+        normal, score = [], []
+        for by, away in zip(self.jacobian(x), self.weighed(x), strict=True):
+            square = 0.0 if scale is None else (away**2).sum(axis=1) / scale**2
+            weight = 1.0 / np.sqrt(1.0 + square * np.ones(len(away)))
+            along = np.einsum('pci,pc->pi', by, away) / (scale or np.inf)
+            normal.append(
+                np.einsum('pci,p,pcj->ij', by, weight, by)
+                - np.einsum('pi,p,pj->ij', along, weight**3, along)
+            )
+            score.append(np.einsum('pci,p,pc->i', by, weight, away))
+        total, low_high = np.sum(normal, axis=0), self.unknowns.bounds
+        fits, left_out = np.zeros((len(folds), x.size)), dict[int, FloatArray]()
+        camera = list(zip(self.residuals(x), self.camera_jacobian(x), strict=True))
+        for number, fold in enumerate(folds):
+            own, gone = (np.sum([part[n] for n in fold], axis=0) for part in (normal, score))
+            fits[number] = np.clip(x + np.linalg.solve(total - own, gone), *low_high)
+            for step in fold:
+                away, by = camera[step]
+                left_out[step] = away + by @ (fits[number] - x)
+        return fits, [left_out[step] for step in sorted(left_out)]
 
     def solve(
         self, loss: str = SOFT_L1, start: FloatArray | None = None

@@ -4,7 +4,6 @@ Estimates minimise a sum of squares or a robust loss; `uncertainty` has their in
 """
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -39,30 +38,30 @@ _CLEARLY = 0.95
 
 
 class _Fit(NamedTuple):
-    """A fit ``x`` by one ``loss``, and its scale [m]; None for the plain sum of squares."""
+    """A fit by one loss, and what it would be without some loads.
+
+    Attributes:
+        loss: the loss.
+        x: the fit (n,).
+        scale: scale of the loss [m]; None for the plain sum of squares.
+        without: fits without each fold of loads (folds, n); none if no load can be left out.
+        left_out: residuals of each step (m, 3) by the fit without it [m].
+    """
 
     loss: str
     x: FloatArray
     scale: float | None
-
-
-class _LeftOut(NamedTuple):
-    """Fits (folds, n) without some loads, and residuals of each step (m, 3) by the one without it.
-
-    Both are empty if no load can be left out.
-    """
-
-    fits: FloatArray = np.zeros((0, 0))
-    residuals: tuple[FloatArray, ...] = ()
+    without: FloatArray = np.zeros((0, 0))
+    left_out: Sequence[FloatArray] = ()
 
     @property
-    def size(self) -> float:
+    def left_out_misfit(self) -> float:
         """Mean over the left-out steps of the root mean square distance [m].
 
         It is a mean of distances, not of their squares: a wrongly tracked midline is equally far
         from every fit, and its square would outweigh the differences at all others.
         """
-        return float(np.mean([np.sqrt((part**2).sum(axis=-1).mean()) for part in self.residuals]))
+        return float(np.mean([np.sqrt((part**2).sum(axis=-1).mean()) for part in self.left_out]))
 
 
 def identify(
@@ -101,19 +100,21 @@ def identify(
         return Problem(shapes, Unknowns(parameters, model, fits, readings, start, names))
 
     def fit_all(problem: Problem) -> list[_Fit] | OpenDirection:
-        tried = [_Fit(name, *problem.solve(name)) for name in losses]
+        tried = []
+        for number, name in enumerate(losses):
+            progress(number, len(losses))
+            tried.append(_Fit(name, *problem.solve(name)))
         open_directions = (uncertainty.open_direction(problem, fit.x) for fit in tried)
         return next(filter(None, open_directions), tried)
 
     nothing, left_out = unfitted(without(()), loss, parameters, start), dict[str, str]()
     while True:
-        progress(0, len(losses))
         found = uncertainty.determined(without, fit_all, left_out)
         result = dataclasses.replace(nothing, undetermined=tuple(left_out.values()))
+        progress(len(losses), len(losses))
         if found is None:
-            progress(len(losses), len(losses))
             return result
-        result = _with_intervals(result, *found, progress)
+        result = _with_intervals(result, *found)
         stretch = result.estimates.get(AXIAL)
         if stretch is None or stretch.value is None:
             return result
@@ -128,58 +129,38 @@ def identify(
 
 
 def _with_intervals(
-    result: Identification,
-    problem: Problem,
-    tried: Sequence[_Fit],
-    progress: Callable[[int, int], None],
+    result: Identification, problem: Problem, tried: Sequence[_Fit]
 ) -> Identification:
     """Return the ``result`` of the best of the fits ``tried``, by the misfit at left-out loads."""
     loads = uncertainty.steps_by_load(problem.unknowns.readings.tensions)
     reason = _why_no_intervals(problem, tried[0].x, loads)
     folds = [] if reason else uncertainty.folds_of(loads)
-    total, counter = len(tried) * (len(folds) + 1), itertools.count()
-    steps, left_out_fits = range(len(problem.shapes)), []
-    for fit in tried:
-        progress(next(counter), total)
-        fits, away = list[FloatArray](), dict[int, FloatArray]()
-        for fold in folds:
-            progress(next(counter), total)
-            others = [step for step in steps if step not in fold]
-            fits.append(problem.minimise(fit.x, fit.scale, others))
-            residuals = problem.residuals(fits[-1])
-            away |= {step: residuals[step] for step in fold}
-        left_out_fits.append(_LeftOut(np.array(fits), tuple(away[step] for step in sorted(away))))
-    best = 0
+    tried = [_Fit(*fit[:3], *problem.without(fit.x, fit.scale, folds)) for fit in tried]
+    best = tried[0]
     if folds and len(tried) > 1:
-        robust = min(range(1, len(tried)), key=lambda number: left_out_fits[number].size)
-        best = robust if left_out_fits[robust].size < _CLEARLY * left_out_fits[0].size else 0
-    progress(total, total)
-    result = _with_fit(result, problem, tried[best], left_out_fits[best], folds)
-    notes = [*_misfit_notes(problem, result), *_branch_notes(problem, tried[best].x)]
+        robust = min(tried[1:], key=lambda fit: fit.left_out_misfit)
+        best = robust if robust.left_out_misfit < _CLEARLY * best.left_out_misfit else best
+    result = _with_fit(result, problem, best, folds)
+    notes = [*_misfit_notes(problem, result), *_branch_notes(problem, best.x)]
     if folds and len(tried) > 1:
-        pairs = zip(left_out_fits, tried, strict=True)
-        words = ', '.join(f'{left.size * 1e3:.4f} mm by {fit.loss}' for left, fit in pairs)
+        words = ', '.join(f'{fit.left_out_misfit * 1e3:.4f} mm by {fit.loss}' for fit in tried)
         notes.append(f'loss {result.loss}, by the misfit at left-out loads: {words}')
-    notes += _fit_notes(problem, tried[best].x, result, len(loads))
+    notes += _fit_notes(problem, best.x, result, len(loads))
     return dataclasses.replace(result, notes=(*notes, *([reason] if reason else [])))
 
 
 def _with_fit(
-    result: Identification,
-    problem: Problem,
-    fit: _Fit,
-    left_out_fits: _LeftOut,
-    folds: Sequence[Sequence[int]],
+    result: Identification, problem: Problem, fit: _Fit, folds: Sequence[Sequence[int]]
 ) -> Identification:
     """Return the ``result`` with the values of a ``fit`` and their intervals."""
-    x, length, away = fit.x, problem.length, left_out_fits.residuals
+    x, length, away = fit.x, problem.length, fit.left_out
     floor = tip_stddev = None
     if folds:
         floor = uncertainty.model_error(problem, x, away)
         square = np.mean([part[-1] @ part[-1] for part in away]) - noise_of(problem.shapes) ** 2
         tip_stddev = float(np.sqrt(max(square, 0.0) / 3.0)) / length
     shift = uncertainty.floor_of(problem, x, floor or 0.0)
-    estimates = uncertainty.estimates_of(problem, x, left_out_fits.fits, folds, shift)
+    estimates = uncertainty.estimates_of(problem, x, fit.without, folds, shift)
     tensions = [backbone.tensions.ravel() for backbone in problem.backbones(x)]
     return dataclasses.replace(
         result,

@@ -185,16 +185,7 @@ def _fit(
     """
     unknowns = problem.unknowns.unknowns
     x, scale = problem.solve(loss)
-    normal, score = [], []
-    for by, away in zip(problem.jacobian(x), problem.residuals(x), strict=True):
-        squares = (away**2).sum(axis=1)
-        weight = np.ones(len(away)) if scale is None else 1.0 / np.sqrt(1.0 + squares / scale**2)
-        normal.append(np.einsum('pci,p,pcj->ij', by, weight, by))
-        score.append(np.einsum('pci,p,pc->i', by, weight, away))
-    total, without = np.sum(normal, axis=0), np.zeros((len(folds), x.size))
-    for number, fold in enumerate(folds):
-        own, gone = (np.sum([parts[frame] for frame in fold], axis=0) for parts in (normal, score))
-        without[number] = x + np.linalg.solve(total - own, gone)
+    without, _ = problem.without(x, scale, folds)
     scales = np.array([unknown.scale for unknown in unknowns])
     deviation = np.sqrt(((without - x) ** 2).sum(axis=0))  # of the jackknife, but for (n - 1) / n
     worst = int((deviation / scales).argmax())

@@ -2,11 +2,12 @@
 
 **Intervals** come from leaving out one load at a time, all its repeats together: the delete-one
 jackknife, which is the cluster-robust variance CV3 of econometrics (MacKinnon, Nielsen and Webb
-2023), with Student's t. Its degrees of freedom are one less than the effective number of loads
-(Carter, Schnepel and Steigerwald 2017): loads with little influence on a parameter hardly count.
-Errors within a load may have any correlation: they are correlated along a midline, and those of a
-tension or of the model are shared by all frames and repeats, so that formulas that count points,
-frames or steps give too narrow intervals. Loads are assumed to be independent.
+2023), with Student's t; each fit without a load is one Newton step from that of all. Its degrees
+of freedom are one less than the effective number of loads (Carter, Schnepel and Steigerwald 2017):
+loads with little influence on a parameter hardly count. Errors within a load may have any
+correlation: they are correlated along a midline, and those of a tension or of the model are shared
+by all frames and repeats, so that formulas that count points, frames or steps give too narrow
+intervals. Loads are assumed to be independent.
 
 **Model error.** The jackknife does not see an error that is the same at all loads. At each load
 left out, a change of material or tensions at this load alone explains a part of the residuals. The

@@ -378,6 +378,11 @@ class Unknowns:
         self.start = np.array([unknown.start for unknown in self.unknowns])
         self.names = tuple(unknown.name for unknown in self.unknowns)
 
+    @property
+    def bounds(self) -> tuple[list[float], list[float]]:
+        """The least and the largest values of x."""
+        return [one.low for one in self.unknowns], [one.high for one in self.unknowns]
+
     def unknown(self, name: str) -> Unknown:
         """Return the unknown of this ``name``."""
         return self.unknowns[self.names.index(name)]
