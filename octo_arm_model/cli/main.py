@@ -49,7 +49,7 @@ _SAME_SIGNAL = 1.0  # [s] within which signals count as one
 _EPILOG = """\
 examples:
   octo-arm solve renda2012_table4 --tensions '[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'
-  octo-arm solve config/renda2012_prototype.yaml --tensions '[[3,0,0,0]]' --json
+  octo-arm solve config/renda2012_prototype.yaml --tensions tendon_1_1=3 --json
   octo-arm solve renda2012_prototype --tensions '[[2,0,0,0]]' --model exact \\
       --gravity 0 0 -9.81 --density 1080 --fluid-density 1000
   octo-arm inverse renda2012_table4 --tip 0.2 0.1 -0.1

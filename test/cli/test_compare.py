@@ -245,7 +245,7 @@ def test_the_command_fits_every_model_and_writes_the_best(bag, tmp_path, cli):
 
 def test_the_summary_shows_intervals_and_what_is_left(bag, cli):
     status, out, err = cli('identify', bag, '--model', 'closed_form')
-    assert status == 0 and err.count('10 fits of closed_form') == 1
+    assert status == 0 and err.count('2 fits of closed_form') == 1
     for text in ('95 % interval', 'loads left out of the fit', 'mirror image'):
         assert text in out
 
