@@ -248,7 +248,7 @@ class SimulatorDiagnostics:
             problems.append(f'{failed:.0f} steps failed: {self._failure}')
         if recent['behind'] > _SLOW * recent['simulated']:
             part = recent['simulated'] / (recent['simulated'] + recent['behind'])
-            problems.append(f"the arm moves at {part:.0%} of the clock's speed")
+            problems.append(f'the arm moves at {part:.0%} of clock speed')
         status = diagnostics.make_status(
             'simulator',
             DiagnosticStatus.WARN,
