@@ -15,17 +15,20 @@ from octo_arm_model.ros.launch_parts import (
     node,
     overrides,
     params_file,
+    require,
     rviz,
     sim_time,
     value_of,
 )
-from octo_arm_model.simulation.simulator import INTERFACES, in_water, robot_description
+from octo_arm_model.simulation.simulator import INTERFACES, PLUGIN, in_water, robot_description
 
 CONTROLLER = {'effort': 'tendon_effort_controller', 'position': 'tendon_position_controller'}
 
 
 def start(context):
     """Return all actions, for the values of the arguments in ``context``."""
+    plugin = PLUGIN.partition('/')[0]
+    require('robot_state_publisher', 'controller_manager', 'joint_state_broadcaster', plugin)
     namespace, file = LaunchConfiguration('namespace'), params_file(context)
     interface = value_of('interface', context)
     config = load_config(file)

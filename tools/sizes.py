@@ -27,11 +27,11 @@ MOST = {
     'octo_arm_model/experiment': 6_250,
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_210,
-    'octo_arm_model/ros': 4_800,
+    'octo_arm_model/ros': 4_820,
     'octo_arm_model/simulation': 2_220,
     'octo_arm_model/viewer': 2_130,
     'octo_arm_model/wire': 1_390,
-    'test': 24_630,
+    'test': 24_680,
 }
 
 

@@ -12,6 +12,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.config.config import load_config
 from octo_arm_model.config.parameter_files import find_path
 
@@ -36,6 +37,16 @@ def declare(*names: str) -> list[DeclareLaunchArgument]:
         )
         for name in names or ARGUMENTS
     ]
+
+
+def require(*packages: str) -> None:
+    """Check that ``packages`` are installed: launch would leave running what it has started.
+
+    Raises:
+        ConfigError: if one is not installed.
+    """
+    if missing := sorted(set(packages) - get_packages_with_prefixes().keys()):
+        raise ConfigError(f'needs {", ".join(missing)}, expected ROS packages that are installed')
 
 
 def value_of(name: str, context: LaunchContext) -> str:

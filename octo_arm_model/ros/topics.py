@@ -38,6 +38,17 @@ def decoded(data: bytes, kind: Any) -> Any:
         raise MessageError(f'{len(data)} bytes that are no {kind.__name__}') from error
 
 
+def take_all(subscription: Subscription, kind: Any) -> Iterator[tuple[bytes, dict[str, Any]]]:
+    """Yield the serialised messages of type ``kind`` that have come, oldest first, and their info.
+
+    A callback of the subscription is not called for these messages.
+    """
+    handle: Any = subscription.handle
+    with handle:
+        while (message := handle.take_message(kind, True)) is not None:
+            yield message
+
+
 def message_class(type_name: str) -> Any:
     """Return the class of a message type, such as 'sensor_msgs/msg/JointState'.
 

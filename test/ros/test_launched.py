@@ -17,7 +17,7 @@ from launch.utilities import perform_substitutions
 from launch_ros.actions import Node
 from launch_ros.utilities import evaluate_parameters
 
-from octo_arm_model import load_config
+from octo_arm_model import ConfigError, load_config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.simulation.simulator import for_arm_node
 
@@ -163,7 +163,13 @@ def test_without_rviz_that_is_logged_and_the_nodes_are_started(name, monkeypatch
     assert logged(name, rviz='false') == []
 
 
-def test_controllers_drive_the_tendons_of_an_arm_that_moves():
+def test_controllers_drive_the_tendons_of_an_arm_that_moves(monkeypatch, tmp_path):
+    plugin = 'joint_state_topic_hardware_interface'
+    others = 'controller_manager', 'joint_state_broadcaster', plugin
+    installed(monkeypatch, tmp_path, *others)
+    with pytest.raises(ConfigError, match='needs robot_state_publisher, expected ROS packages'):
+        started('ros2_control')
+    installed(monkeypatch, tmp_path / 'all', 'robot_state_publisher', *others)
     nodes = started(
         'ros2_control',
         namespace='left',

@@ -227,6 +227,17 @@ def test_a_parameter_of_no_known_type_or_name_is_refused(client, kind, given, ty
     assert client.change(stations=101) == (True, '')
 
 
+def test_tensions_are_answered_however_fast_parameters_change(client):
+    assert client.change(markers_rate=20.0) == (True, '')
+    request = SetParametersAtomically.Request()
+    request.parameters = [Parameter('markers_rate', value=30.0).to_parameter_msg()]
+    changes = client.service(SetParametersAtomically, 'octo_arm/set_parameters_atomically')
+    asked = [changes.call_async(request) for _ in range(8)]
+    client.ask('tendon_tensions', FETCHING_IN_PLANE)
+    assert not all(one.done() for one in asked)
+    client.wait(lambda: all(one.done() for one in asked), 'the changes')
+
+
 NO_TIMES = [(-5, 0), (-(2**31), 0), (-1, 10**9), (2**31 - 1, 2**32 - 1)]
 
 

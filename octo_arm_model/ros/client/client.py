@@ -27,7 +27,7 @@ from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.client.commands import CommandPublisher, SimulatorClient
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator.publishers import PAUSED
-from octo_arm_model.ros.topics import decoded
+from octo_arm_model.ros.topics import decoded, take_all
 from octo_arm_model.simulation.movements import TOPIC
 from octo_arm_model.wire import estimate
 from octo_arm_model.wire.backbone import TENDON_LENGTHS, read_poses
@@ -58,12 +58,7 @@ class Topic:
 
     def take_raw(self) -> list[tuple[bytes, dict[str, Any]]]:
         """Return the serialised messages since the last call, oldest first, as many as queued."""
-        messages = []
-        handle = self._subscription.handle
-        with handle:
-            while (message := handle.take_message(self._kind, True)) is not None:
-                messages.append(message)
-        return messages
+        return list(take_all(self._subscription, self._kind))
 
     def take(self) -> list[Any]:
         """Return the messages since the last call; MessageError if one cannot be deserialised."""
@@ -206,7 +201,8 @@ class ArmClient:
         self._diagnostics = Topic(node, DiagnosticArray, '/diagnostics', _DIAGNOSTICS_QOS)
         self._topics: dict[str, Topic] = {}
         self._problems: dict[str, str] = {}
-        self._meter, self._counted = Meter(), 0
+        # By a clock that does not jump; `received` and stamps are by the clock of the system.
+        self._meter, self._counted, self._heard = Meter(), 0, 0.0
         self._text = ''
         self.config: Config | None = None
         self.is_paused: bool | None = None
@@ -303,7 +299,8 @@ class ArmClient:
         # The publisher's sequence number also counts skipped shapes; some middleware has none.
         self._counted += 1
         number = info.get('publication_sequence_number') or self._counted
-        self._meter.count(received, number)
+        self._heard = time.monotonic()
+        self._meter.count(self._heard, number)
 
     @property
     def problem(self) -> str:
@@ -325,7 +322,7 @@ class ArmClient:
 
         It is NaN if several nodes publish, because a message does not tell whose count it has.
         """
-        return np.nan if self._publisher_count > 1 else self._meter.rate(time.time())
+        return np.nan if self._publisher_count > 1 else self._meter.rate(time.monotonic())
 
     @property
     def latency(self) -> float:
@@ -334,7 +331,7 @@ class ArmClient:
 
     def age(self) -> float:
         """Return the time since the newest shape arrived [s]; infinite if there is no shape."""
-        return time.time() - self.shape.received if self.shape else np.inf
+        return time.monotonic() - self._heard if self.shape else np.inf
 
     def command(self, tensions: FloatArray) -> None:
         """Command ``tensions`` [N] of all tendons, in the arm's order.

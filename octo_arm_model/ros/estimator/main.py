@@ -18,7 +18,6 @@ from rclpy.node import Node
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
-from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
 from octo_arm_model.estimation.measurement import Measurement
@@ -30,7 +29,7 @@ from octo_arm_model.ros.estimator.outputs import EstimatePublishers, EstimateSta
 from octo_arm_model.ros.node.diagnostics import SteppedClock
 from octo_arm_model.ros.node.inputs import stamp_of
 from octo_arm_model.ros.node.main import ManagedNode, ServedNode, run
-from octo_arm_model.ros.node.server import Prepared, Server, describe
+from octo_arm_model.ros.node.server import Prepared, Server, described
 from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.measurements import (
     MEASUREMENT_TOPICS,
@@ -72,9 +71,7 @@ class PreparedEstimator(Prepared):
         arm = {name: value for name, value in values.items() if name not in estimation}
         _MODEL_PARAMETER.check(arm['model'])
         arm['model'] = MODEL
-        config, description = Config.from_parameters(arm), describe(arm)
-        for kind in filter(None, (config.tension_type, config.displacement_type)):
-            message_class(kind)
+        description, config = described(arm)
         settings = EstimatorSettings.from_parameters(estimation, config)
         models = settings.models(config)
         solver = next(iter(models.values())).solver
@@ -157,7 +154,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._estimator: Estimator | None = None
         self._measured: MeasuredArm | None = None
         self._newest = Stamp(0, 0)
-        self._status = EstimateStatus(node)
+        self._status = EstimateStatus()
         self._diagnostics.parts.append(self._status.report)
         self._stamps = Stamps(self._diagnostics.clock)
 
@@ -192,11 +189,6 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             f'{config.arm.length} m in {config.base_frame}, contact: '
             + '; '.join([', '.join(arm.models), *settings.notes])
         )
-
-    def cleanup(self, state: str = 'unconfigured') -> None:
-        """Free the arm and its estimate."""
-        super().cleanup(state)
-        self._measured = None
 
     def _reset_estimate(self) -> Estimator:
         self._estimator = estimator = self._arm.estimator()

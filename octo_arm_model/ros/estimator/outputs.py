@@ -28,9 +28,8 @@ _LONGEST = 900  # characters of the list of what is not observable
 class EstimateStatus:
     """Diagnostic status that says how well measurements agree with the estimate."""
 
-    def __init__(self, node: Node) -> None:
-        """Report as part of ``node``."""
-        self._node = node
+    def __init__(self) -> None:
+        """Report that there is no estimator."""
         self._run_back: dict[str, int] = {}
         self.follow(None, None)
 

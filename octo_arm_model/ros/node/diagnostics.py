@@ -108,12 +108,8 @@ class Diagnostics:
         """Report on ``solver`` from now on, and warn beyond ``limits``."""
         self._solver, self._limits = solver, limits
 
-    def begin(self) -> None:
-        """Report on a node that is subscribed to its inputs from now on."""
-        self._idle = ''
-
-    def end(self, state: str) -> None:
-        """Report on a node that is inactive, in ``state``, from now on."""
+    def enter(self, state: str) -> None:
+        """Report on a node that is inactive, in ``state``, from now on; '' for an active one."""
         self._idle, self._newest, self._last = state, {}, None
 
     def _count(self, outcome: str, number: int = 1) -> None:

@@ -10,7 +10,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
-from octo_arm_model.ros.topics import create_subscription, decoded
+from octo_arm_model.ros.topics import create_subscription, decoded, take_all
 from octo_arm_model.ros.work import WorkQueue, steady_timer
 from octo_arm_model.wire.messages import Stamp
 
@@ -107,6 +107,11 @@ class Inputs:
         self.work.clear()
         self.forget()
         self._is_due = False
+
+    def answer_latest(self) -> None:
+        """Answer the latest message of each topic, unless it is answered already."""
+        for subscription in list(self._open.values()):
+            subscription.answer_latest()
 
     def publishers(self) -> dict[str, int]:
         """Return the number of publishers of each answered input, by its whole name."""
@@ -229,10 +234,9 @@ class LatestSubscription:
         """Answer the latest message, unless it is answered already."""
         if not self._is_open:
             return
-        with self._subscription.handle:
-            while (taken := self._subscription.handle.take_message(self._kind, True)) is not None:
-                self._older += self._latest is not None
-                self._latest = taken[0]
+        for message, _ in take_all(self._subscription, self._kind):
+            self._older += self._latest is not None
+            self._latest = message
         latest, older = self._latest, self._older
         self._latest, self._older = None, 0
         if latest is None:

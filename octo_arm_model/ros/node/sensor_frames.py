@@ -16,7 +16,7 @@ from octo_arm_model.experiment.transform_tree import TransformTree
 from octo_arm_model.ros.node.inputs import NotKnownYet
 from octo_arm_model.ros.node.outputs import TF_QOS, TF_TOPIC
 from octo_arm_model.ros.start import RefusalLog
-from octo_arm_model.ros.topics import create_subscription, is_overridden
+from octo_arm_model.ros.topics import create_subscription, is_overridden, message_class
 from octo_arm_model.wire.messages import Stamp
 
 _STATIC_TOPIC = '/tf_static'
@@ -64,6 +64,7 @@ class SensorFrames:
         Raises:
             NotKnownYet: if transforms lead to it, but not yet for that time.
             MeasurementError: if the pose is not known.
+            ConfigError: if tf2_msgs is not installed.
         """
         self._listen_for(frame, target)
         try:
@@ -110,14 +111,8 @@ class SensorFrames:
             self._node.destroy_subscription(self._subscriptions.pop(TF_TOPIC))
 
     def _listen(self, topic: str, qos: QoSProfile) -> None:
-        try:
-            from tf2_msgs.msg import TFMessage
-        except ImportError as error:
-            raise MeasurementError(
-                'there are no transforms: tf2_msgs cannot be imported (apt: ros-jazzy-tf2-msgs)'
-            ) from error
-        take = partial(self._take, topic)
-        self._subscriptions[topic] = create_subscription(self._node, TFMessage, topic, take, qos)
+        kind, take = message_class('tf2_msgs/msg/TFMessage'), partial(self._take, topic)
+        self._subscriptions[topic] = create_subscription(self._node, kind, topic, take, qos)
 
     def _take(self, topic: str, message: Any) -> None:
         count = len(message.transforms)

@@ -60,20 +60,25 @@ class Prepared:
         Raises:
             OctoArmError: if they do not describe an arm; the message says why.
         """
-        config = Config.from_parameters(values)
-        for kind in filter(None, (config.tension_type, config.displacement_type)):
-            message_class(kind)
-        return cls(describe(values), config, config.node_solver())
+        description, config = described(values)
+        return cls(description, config, config.node_solver())
 
 
-def describe(values: Mapping[str, Any]) -> str:
-    """Return the parameter file of ``values``; ConfigError if it is too large to be read."""
-    text = parameters_as_yaml(values)
+def described(values: Mapping[str, Any]) -> tuple[str, Config]:
+    """Return the parameter file of ``values``, and the arm that they describe.
+
+    Raises:
+        OctoArmError: if they describe no arm, a type of messages is not installed, or the file
+            would be too large to be read.
+    """
+    text, config = parameters_as_yaml(values), Config.from_parameters(values)
     if len(text) > MAX_YAML_BYTES:
         raise ConfigError(
             f'the description of the arm has {len(text)} bytes, expected at most {MAX_YAML_BYTES}'
         )
-    return text
+    for kind in filter(None, (config.tension_type, config.displacement_type)):
+        message_class(kind)
+    return text, config
 
 
 # Topics of messages of any type.
@@ -110,10 +115,10 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._inputs = Inputs(node, self._refuse, lambda older: self._diagnostics.skipped(older))
         self._frames = SensorFrames(node, self._inputs.look_again)
         self._diagnostics = Diagnostics(node, self._inputs)
-        self._diagnostics.end('unconfigured')
+        self._diagnostics.enter('unconfigured')
         self._refusal_log = RefusalLog(node)
         # While the server is active: the messages whose types parameters name, by topic.
-        self._fields: dict[str, FieldMessage] | None = None
+        self._fields: dict[str, FieldMessage] = {}
 
     def configure(self) -> None:
         """Load and validate the arm.
@@ -124,7 +129,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         """
         self._publishers = self._make_publishers(self._node)
         self._live.begin()
-        self._diagnostics.end('inactive')
+        self._diagnostics.enter('inactive')
 
     def activate(self) -> None:
         """Start answering; ConfigError if an override of a QoS policy has an impossible value."""
@@ -133,9 +138,8 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._frames.open()
         self._open()
         self._fields = self._field_messages()
-        for topic in self._fields:
-            self._open_field(topic)
-        self._diagnostics.begin()
+        self._open_fields()
+        self._diagnostics.enter('')
         check_overrides(self._node)
 
     def deactivate(self) -> None:
@@ -143,10 +147,10 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._close()
         self._inputs.close()
         self._frames.close()
-        self._fields = None
+        self._fields = {}
         if self._publishers is not None:
             self._publishers.pause()
-        self._diagnostics.end('inactive')
+        self._diagnostics.enter('inactive')
 
     def cleanup(self, state: str = 'unconfigured') -> None:
         """Free the arm and its publishers; the node is in the lifecycle ``state`` from now on."""
@@ -154,7 +158,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         if self._publishers is not None:
             self._publishers.close()
         self._publishers = self._prepared = None
-        self._diagnostics.end(state)
+        self._diagnostics.enter(state)
 
     @abstractmethod
     def _open(self) -> None:
@@ -193,29 +197,27 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         }
 
     def _update_fields(self) -> None:
-        if self._fields is None:
-            return
-        before, self._fields = self._fields, self._field_messages()
-        for topic, message in self._fields.items():
-            if message != before[topic]:
-                # A topic can change its type only after the executor releases the subscription.
+        before, now = self._fields, self._field_messages()
+        if before and now != before:
+            self._fields = now
+            for topic in (topic for topic in now if now[topic] != before[topic]):
                 self._inputs.unsubscribe(topic)
-                self._inputs.work.add(partial(self._open_field, topic))
+            # A topic can change its type only after the executor releases the subscription.
+            self._inputs.work.add(self._open_fields)
 
-    def _open_field(self, topic: str) -> bool:
-        """Subscribe to ``topic`` if parameters name its type and it is not open; return False."""
-        message = FieldMessage('', '') if self._fields is None else self._fields[topic]
-        if not message.type_name or self._inputs.is_open(topic):
-            return False
-        try:
-            if topic == TENSIONS_FIELD:
-                self._subscribe_to_tensions(topic, message)
-            else:
-                kind = message_class(message.type_name)
-                self._inputs.subscribe(kind, topic, partial(self._on_motors, message.field))
-        except OctoArmError as error:
-            self._node.get_logger().error(f'{topic} is not subscribed to: {error}')
-        return False
+    def _open_fields(self) -> None:
+        """Subscribe to the topics of messages whose types parameters name."""
+        for topic, message in self._fields.items():
+            if not message.type_name or self._inputs.is_open(topic):
+                continue
+            try:
+                if topic == TENSIONS_FIELD:
+                    self._subscribe_to_tensions(topic, message)
+                else:
+                    kind = message_class(message.type_name)
+                    self._inputs.subscribe(kind, topic, partial(self._on_motors, message.field))
+            except OctoArmError as error:
+                self._node.get_logger().error(f'{topic} is not subscribed to: {error}')
 
     def _use(self, prepared: ArmT, names: set[str]) -> None:
         """Use the arm ``prepared`` from now on; called between two messages."""
@@ -227,6 +229,8 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._publishers.describe(solver, config)
         self._publishers.announce(prepared.description)
         self._change_arm(before, prepared)
+        # Parameters that change faster than the arm is prepared would keep all inputs waiting.
+        self._inputs.answer_latest()
 
     @property
     def _arm(self) -> ArmT:

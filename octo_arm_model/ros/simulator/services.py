@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Vector3Stamped
+from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -39,38 +40,47 @@ class SimulationClock:
 
     Attributes:
         is_paused: whether time stands still.
-        period: period of the steps [s].
     """
 
     def __init__(self, node: Node, step: Callable[[int, Time], None]) -> None:
         """Call ``step`` with the length of the step [ns] and the time at its end."""
         self._node, self._step = node, step
         self.is_paused = False
-        self.period, self._period_ns, self._is_own, self._slice = 0.0, 0, False, 0.0
         self._timer: Timer | None = None
-        self._pace: tuple[float, ...] = ()
+        self._clock: Any = node.get_clock()
+        on_change = JumpThreshold(min_forward=None, min_backward=None, on_clock_change=True)
+        self._changes = self._clock.create_jump_callback(on_change, post_callback=self._restart)
+        self._course = Course()
         self._last, self._time_ns = 0, 0
         self._publisher: Publisher | None = None
 
     def use(self, course: Course) -> None:
         """Use the rate, the real time factor and the kind of clock of ``course`` from now on."""
-        is_own, factor = course.publish_clock, course.real_time_factor
-        previous, self._pace = self._pace, (course.rate, is_own, factor)
-        if previous == self._pace:
-            return
-        self.period, self._is_own = 1.0 / course.rate, is_own
-        self._period_ns = round(1e9 * self.period)
-        self._slice = 0.0 if factor else SLICE
+        names = 'rate', 'publish_clock', 'real_time_factor'
+        before, self._course = self._course, course
+        if self._timer is None or any(getattr(before, n) != getattr(course, n) for n in names):
+            self._restart()
+
+    @property
+    def period(self) -> float:
+        """The period of the steps [s]."""
+        return 1.0 / self._course.rate
+
+    def _restart(self, _: TimeJump | None = None) -> None:
+        """Start the timer of the present course and clock."""
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
-        if not is_own:
+        self._last, factor = 0, self._course.real_time_factor
+        if self._course.publish_clock:
+            if self._publisher is None:
+                self._publisher = create_publisher(self._node, ClockMessage, TOPIC, _QOS)
+            period = self.period / factor if factor else _SLICE_PERIOD
+            self._timer = steady_timer(self._node, period, self._run_freely)
+        elif self._clock.ros_time_is_active:
             self._timer = self._node.create_timer(self.period, self._follow_clock)
-            return
-        self._last = 0
-        if self._publisher is None:
-            self._publisher = create_publisher(self._node, ClockMessage, TOPIC, _QOS)
-        period = self.period / factor if factor else _SLICE_PERIOD
-        self._timer = steady_timer(self._node, period, self._run_freely)
+        else:
+            # By the time of the system a timer would stand still for as long as that is set back.
+            self._timer = steady_timer(self._node, self.period, self._follow_clock)
 
     def reset(self) -> None:
         """Set the simulator's own time to zero."""
@@ -78,22 +88,22 @@ class SimulationClock:
 
     def step(self) -> None:
         """Advance by one period, also while paused."""
-        self._advance(self._period_ns, self._node.get_clock().now())
+        self._advance(round(1e9 * self.period), self._clock.now())
 
     def _follow_clock(self) -> None:
-        clock_time = self._node.get_clock().now()
+        clock_time = self._clock.now()
         now = clock_time.nanoseconds
         if now == self._last:
             return  # rclpy calls the timer once for each of several waiting clock messages
-        # A time of 0 is not set yet. If time jumps back, as when a bag is played again, the
-        # winches do not move.
-        elapsed_ns = now - self._last if self._last else self._period_ns
+        # A time of 0 is not set yet. If time jumps back, as when a bag is played again or the
+        # system's clock is set, the winches do not move.
+        elapsed_ns = now - self._last if self._last else round(1e9 * self.period)
         self._last = now
         if not self.is_paused:
             self._advance(max(elapsed_ns, 0), clock_time)
 
     def _run_freely(self) -> None:
-        until = time.monotonic() + self._slice
+        until = time.monotonic() + (0.0 if self._course.real_time_factor else SLICE)
         while not self.is_paused:
             self.step()
             if time.monotonic() >= until:
@@ -101,7 +111,7 @@ class SimulationClock:
 
     def _advance(self, elapsed_ns: int, now: Time) -> None:
         with until_shutdown(self._node.context):
-            if self._is_own and self._publisher is not None:
+            if self._course.publish_clock and self._publisher is not None:
                 self._time_ns += elapsed_ns
                 now = Time(nanoseconds=self._time_ns)
                 # The clock comes first, so that subscribers know the time of the messages to come.

@@ -2,6 +2,7 @@
 
 import itertools
 import signal
+import subprocess
 import time
 from functools import partial
 
@@ -366,6 +367,39 @@ def test_under_simulated_time_readings_come_once_a_period_of_that_clock():
                 controller.wait(lambda now=now: is_read_at(now), 'a reading')
     at = [seconds(m) for m in controller.measured if seconds(m) > 1e-9 * begun - 1e-6]
     assert_allclose(np.diff(at), 1e-9 * period, atol=1e-6)
+
+
+# The clock of the system for a process, ahead by the seconds in the file `AHEAD`.
+CLOCK = """
+#include <fcntl.h>
+#include <stdlib.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+int clock_gettime(clockid_t kind, struct timespec *time) {
+  char text[20] = "";
+  int failed = syscall(SYS_clock_gettime, kind, time), file;
+  if (kind != CLOCK_REALTIME || (file = open(getenv("AHEAD"), O_RDONLY)) < 0) return failed;
+  if (read(file, text, 19) > 0) time->tv_sec += atol(text);
+  close(file);
+  return failed;
+}
+"""
+
+
+def test_a_clock_that_is_set_back_does_not_stop_the_simulator(tmp_path, monkeypatch):
+    source, library, ahead = (tmp_path / name for name in ('clock.c', 'clock.so', 'ahead'))
+    source.write_text(CLOCK)
+    subprocess.run(['cc', '-shared', '-fPIC', '-o', library, source], check=True)
+    ahead.write_text('0')
+    monkeypatch.setenv('LD_PRELOAD', str(library))
+    monkeypatch.setenv('AHEAD', str(ahead))
+    with running('ros.simulator.main', client=Controller, node='octo_arm_sim') as controller:
+        controller.hear_anew(3)
+        before = seconds(controller.measured[-1])
+        ahead.write_text('-3600')
+        controller.wait(lambda: seconds(controller.measured[-1]) < before - 3000.0, 'readings')
+        controller.hear_anew(3)
 
 
 @pytest.mark.parametrize(
