@@ -8,7 +8,6 @@ from checkout import PRESETS
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
-    ArmDefinitionError,
     Config,
     ConfigError,
     Loads,
@@ -138,13 +137,6 @@ def test_a_push_lasts_the_second_half_of_each_period():
 def test_impossible_pushes_and_sensors_are_refused_by_name(values, complaint):
     with pytest.raises(OctoArmError, match=complaint):
         SimulatorConfig.from_parameters({**VALUES, **values})
-
-
-def test_a_push_in_front_of_the_base_is_refused_before_any_arm():
-    with pytest.raises(
-        ArmDefinitionError, match=r'push\.s is -1\.0, expected a finite number >= 0'
-    ):
-        Push((1.0, 0.0, 0.0), s=-1.0)
 
 
 def test_what_cannot_be_solved_is_refused_with_a_reason():
