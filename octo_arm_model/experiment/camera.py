@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.arm import Arm
@@ -94,17 +93,16 @@ class Alignment:
         return {'position': self.shift.tolist(), 'quaternion': self.quaternion.tolist()}
 
 
-def align(camera: FloatArray, base: FloatArray, weight: ArrayLike = 1.0) -> Alignment:
+def align(camera: FloatArray, base: FloatArray) -> Alignment:
     """Return the rigid motion that brings points ``camera`` (n, 3) nearest to ``base`` (n, 3).
 
-    It minimises the sum of squared distances, each with its ``weight``. For points on a line the
-    rotation about the line is arbitrary, which `undetermined` reports.
+    It minimises the sum of squared distances. For points on a line the rotation about the line is
+    arbitrary, which `undetermined` reports.
     """
-    weight = np.broadcast_to(np.asarray(weight, dtype=np.float64), (len(camera),))
-    from_mean, to_mean = (np.average(points, 0, weight) for points in (camera, base))
+    from_mean, to_mean = camera.mean(axis=0), base.mean(axis=0)
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', UserWarning)  # of points on a line
-        turn, _ = Rotation.align_vectors(base - to_mean, camera - from_mean, weight)
+        turn, _ = Rotation.align_vectors(base - to_mean, camera - from_mean)
     return Alignment(turn.as_rotvec(), to_mean - turn.apply(from_mean))
 
 
@@ -287,25 +285,43 @@ def _distances(
     lines: Sequence[FloatArray], shapes: Sequence[FloatArray], alignment: Alignment | None
 ) -> tuple[FloatArray, FloatArray]:
     """Return the distances of the tip and the mean ones of midlines, each (frames,) [m]."""
-    alignment = alignment or _fitted_alignment(lines, shapes)
-    pairs = zip(lines, shapes, strict=True)
-    errors = [midline_errors(alignment.to_base(line), Curve(shape)) for line, shape in pairs]
+    curves = list(map(Curve, shapes))
+    alignment = alignment or aligned(lines, curves)
+    pairs = zip(lines, curves, strict=True)
+    errors = [midline_errors(alignment.to_base(line), curve) for line, curve in pairs]
     return np.array([error.tip for error in errors]), np.array([error.mean for error in errors])
 
 
-def _fitted_alignment(lines: Sequence[FloatArray], shapes: Sequence[FloatArray]) -> Alignment:
-    """Return the rigid motion that brings midlines nearest to shapes, without outliers."""
-    points, curves = np.concatenate(lines), list(map(Curve, shapes))
-    fractions = [np.linspace(0.0, 1.0, len(line)) for line in lines]
+def aligned(
+    lines: Sequence[FloatArray],
+    curves: Sequence[Curve],
+    marker_fractions: Sequence[FloatArray] = (),
+) -> Alignment:
+    """Return the rigid motion that brings ``lines`` nearest to ``curves``, without outliers.
+
+    Markers are paired with the points of the curves at ``marker_fractions`` of the lengths.
+    Midlines are taken to begin at the base at first, and then paired with the nearest points.
+
+    Raises:
+        MeasurementError: if there are fewer than three points.
+    """
+    points = np.concatenate(lines)
+    if len(points) < 3:
+        raise MeasurementError(
+            f'{len(points)} measured point(s), expected at least 3 to fit an alignment to'
+        )
+    fractions = marker_fractions or [
+        np.linspace(0.0, 1.0, len(line)) if len(line) > 1 else np.ones(1) for line in lines
+    ]
     kept = np.ones(len(points), dtype=bool)
     for _ in range(_FITS):
         targets = np.concatenate(list(map(Curve.along, curves, fractions)))
         alignment = align(points[kept], targets[kept])
         distances = np.linalg.norm(alignment.to_base(points) - targets, axis=1)
         kept = distances <= _OUTLYING * np.median(distances)
-        # From the second fit on, each point is paired with the nearest one, and tip with tip.
-        fractions = [
-            np.append(curve.nearest(alignment.to_base(line[:-1]))[1], 1.0)
-            for line, curve in zip(lines, curves, strict=True)
-        ]
+        if not marker_fractions:
+            fractions = [
+                np.append(curve.nearest(alignment.to_base(line[:-1]))[1], 1.0)
+                for line, curve in zip(lines, curves, strict=True)
+            ]
     return alignment

@@ -20,12 +20,11 @@ from scipy.optimize import least_squares
 from octo_arm_model.arm.errors import (
     ArmDefinitionError,
     ConvergenceError,
-    MeasurementError,
     SolveError,
     TensionError,
 )
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.experiment.camera import Alignment, align
+from octo_arm_model.experiment.camera import Alignment, aligned
 from octo_arm_model.experiment.midlines import Curve
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.shape_changes import ShapeChange, shape_changes
@@ -43,7 +42,6 @@ ENCODERS_FINEST = 1e-4
 SOFT_L1, LINEAR = 'soft_l1', 'linear'
 LOSSES = (LINEAR, SOFT_L1)  # the plain sum of squares, and a robust loss
 _ROUNDS = 10
-_ALIGNMENT_ROUNDS = 20
 _SETTLED = 1e-2  # relative change of the scale below which rounds end
 _TOLERANCE = 1e-8  # relative change of the sum of squares below which steps end
 _EVALUATIONS = 100
@@ -362,38 +360,16 @@ def fit_alignment(
     readings = Readings.of(shapes)
     unknowns = Unknowns(parameters, model, ['alignment'], readings, Alignment.none())
     problem = Problem(shapes, unknowns)
-    initial = _first_alignment(shapes, problem.backbones(unknowns.start))
+    models = problem.backbones(unknowns.start)
+    curves = [Curve(model.position) for model in models]
+    markers = [
+        np.interp(shape.s, model.s, curve.lengths) / curve.lengths[-1]
+        for shape, model, curve in zip(shapes, models, curves, strict=True)
+        if shape.s is not None
+    ]
+    initial = aligned([shape.points for shape in shapes], curves, markers)
     x, _ = problem.solve(start=np.concatenate([initial.shift, initial.turn]))
     return unknowns.alignment(x)
-
-
-def _first_alignment(shapes: Sequence[MeasuredShape], models: Sequence[Backbone]) -> Alignment:
-    """Return a rough alignment of ``shapes``, in the camera's frame, with ``models``.
-
-    All midlines are taken to begin at the base. Weights are iterated, so that outliers count less.
-    """
-    camera = np.concatenate([shape.points for shape in shapes])
-    if len(camera) < 3:
-        raise MeasurementError(
-            f'{len(camera)} measured point(s), expected at least 3 to fit an alignment to'
-        )
-    base = np.concatenate(
-        [
-            interpolated(shape.s, model.s, model.position)
-            if shape.s is not None
-            else Curve(model.position).along(np.linspace(0.0, 1.0, len(shape.points)))
-            if len(shape.points) > 1
-            else model.position[-1:]
-            for shape, model in zip(shapes, models, strict=True)
-        ]
-    )
-    finest = 1e-6 * float(np.ptp(base, axis=0).max())
-    alignment = align(camera, base)
-    for _ in range(_ALIGNMENT_ROUNDS):
-        away = alignment.to_base(camera) - base
-        squares = (away**2).sum(axis=-1) / _scale_of(away, finest) ** 2
-        alignment = align(camera, base, 1.0 / np.sqrt(1.0 + squares))
-    return alignment
 
 
 def shape_residuals(
