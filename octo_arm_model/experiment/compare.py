@@ -18,12 +18,14 @@ from octo_arm_model.experiment.fit import fit_alignment, shape_residuals
 from octo_arm_model.experiment.midlines import Curve, MidlineErrors, midline_errors
 from octo_arm_model.experiment.motion import TensionTrajectory, moving_shapes
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.steady_windows import STILL, directions, part_along, remarks
+from octo_arm_model.experiment.steady_windows import directions, remarks
 from octo_arm_model.experiment.uncertainty import misfit_of, noise_of
 from octo_arm_model.experiment.unknowns import FINE_STATIONS
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 
+# A tip is at rest if it moves by less than this part of the length per relative change of E.
+_STILL = 0.01
 _TIP = 1e-3  # distance over the length within which a marker counts as at the tip
 
 
@@ -202,7 +204,10 @@ def _bend(solver: Solver, backbone: Backbone, tip: FloatArray) -> float:
         softer = -solver.sensitivity(pulled).by_youngs_modulus.tip[:3, 0]
     except SolveError:  # there is no derivative between sticking and sliding
         return math.nan
-    return part_along(tip - backbone.position[-1], softer, STILL * solver.arm.length)
+    size = float(np.linalg.norm(softer))
+    if size <= _STILL * solver.arm.length:
+        return math.nan
+    return float((tip - backbone.position[-1]) @ softer) / size
 
 
 MIDLINES = (

@@ -13,6 +13,7 @@ import numpy as np
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment import uncertainty
 from octo_arm_model.experiment.camera import Alignment, undetermined
+from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fit import LOSSES, Problem, fit_alignment
 from octo_arm_model.experiment.identification import (
     Identification,
@@ -21,13 +22,7 @@ from octo_arm_model.experiment.identification import (
     unfitted,
 )
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.steady_windows import (
-    STILL,
-    UNLOADING,
-    directions,
-    part_along,
-    remarks,
-)
+from octo_arm_model.experiment.steady_windows import UNLOADING
 from octo_arm_model.experiment.uncertainty import OpenDirection, misfit_of, noise_of
 from octo_arm_model.experiment.unknowns import ALIGNMENT, AXIAL, Readings, Unknowns
 
@@ -141,7 +136,7 @@ def _with_intervals(
         robust = min(tried[1:], key=lambda fit: fit.left_out_misfit)
         best = robust if robust.left_out_misfit < _CLEARLY * best.left_out_misfit else best
     result = _with_fit(result, problem, best, folds)
-    notes = [*_misfit_notes(problem, result), *_branch_notes(problem, best.x)]
+    notes = [*_misfit_notes(problem, result), *_branch_notes(problem, result)]
     if folds and len(tried) > 1:
         words = ', '.join(f'{fit.left_out_misfit * 1e3:.4f} mm by {fit.loss}' for fit in tried)
         notes.append(f'loss {result.loss}, by the misfit at left-out loads: {words}')
@@ -221,29 +216,19 @@ def _misfit_notes(problem: Problem, result: Identification) -> list[str]:
     return notes
 
 
-def _branch_notes(problem: Problem, x: FloatArray) -> list[str]:
+def _branch_notes(problem: Problem, result: Identification) -> list[str]:
     """Return remarks on loading and unloading, if the modulus is fitted."""
     if 'youngs_modulus' not in problem.unknowns.names:
         return []
-    shapes, least = problem.shapes, STILL * problem.length
-    column = problem.unknowns.names.index('youngs_modulus')
-    branches = directions(np.array([shape.window.tensions for shape in shapes]))
-    # A softer arm moves the model's tip as tensions do, and residuals change the other way.
-    pairs = zip(problem.residuals(x), problem.camera_jacobian(x), strict=True)
-    bends = [part_along(away[-1], by[-1, :, column], least) for away, by in pairs]
-    notes = remarks(
-        [shape.tension for shape in shapes],
-        bends,
-        branches,
-        noise_of(shapes) / 3.0**0.5,
-        problem.length,
-    )
-    if UNLOADING in branches and notes:
-        notes.append(
+    shapes = result.with_tensions(problem.shapes)
+    fitted = compare(shapes, result.parameters, result.model, result.alignment)
+    if UNLOADING in (step.direction for step in fitted.steps) and fitted.notes:
+        return [
+            *fitted.notes,
             'intervals take this difference for scatter from load to load, so they are wider than '
-            '95 %: the branches cancel where each load is reached from both sides'
-        )
-    return notes
+            '95 %: the branches cancel where each load is reached from both sides',
+        ]
+    return [*fitted.notes]
 
 
 def _fit_notes(problem: Problem, x: FloatArray, result: Identification, loads: int) -> list[str]:

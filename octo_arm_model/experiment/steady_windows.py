@@ -318,8 +318,6 @@ def wound_at(solver: Solver, lengths: Iterable[FloatArray]) -> Iterator[Wound]:
 LOADING, UNLOADING, MIXED, REST = 'loading', 'unloading', 'mixed', 'rest'
 # Changes below this part of the highest tension do not count.
 _CHANGE = 0.02
-# A tip is at rest if it moves by less than this part of the length per relative change of E.
-STILL = 0.01
 
 
 def directions(tensions: FloatArray) -> list[str]:
@@ -388,9 +386,3 @@ def remarks(
         f'{"less" if apart < 0.0 else "farther"} bent while loading, as '
         f'{"friction or creep" if apart < 0.0 else "no friction"} does'
     ]
-
-
-def part_along(away: FloatArray, move: FloatArray, least: float) -> float:
-    """Return the component of ``away`` (3,) along ``move`` (3,) [m]; NaN if that is too short."""
-    size = float(np.linalg.norm(move))
-    return float(away @ move) / size if size > least else float('nan')
