@@ -11,23 +11,23 @@ import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.experiment.unknowns import (
-    ALIGNMENT,
-    AXIAL,
-    BENDING,
-    OF_REST,
-    OFFSET,
-    REST_TORSION,
-    SHEATH,
-    Unknowns,
-)
+from octo_arm_model.experiment.unknowns import AXIAL, OFFSET, SHEATH, SPOOL, ZERO, Unknowns
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import Wound, wound_sensitivity
 from octo_arm_model.rod.sensitivity import Change, Sensitivity
 from octo_arm_model.rod.solver import Solver
 
-# What `Sensitivity` has no derivative of, and the camera, which does not change the shape.
-_WITHOUT = (*ALIGNMENT, BENDING, *OF_REST, REST_TORSION)
+# Unknowns with exact derivatives; all others are left to differences.
+_EXACT = (
+    'youngs_modulus',
+    'poisson_ratio',
+    SHEATH,
+    'tension_scale',
+    'tension_offset',
+    SPOOL,
+    AXIAL,
+)
+_OF_TENDONS = (OFFSET, ZERO)  # prefixes of such unknowns of single tendons
 _STEP = 1e-4  # step of differences of what acts on tendons, over the scale of an unknown
 
 
@@ -48,21 +48,21 @@ def shape_changes(
 ) -> dict[str, list[ShapeChange]]:
     """Return the changes of the ``solutions`` of all steps at ``x``, by names of ``unknowns``.
 
-    There are none by what `Sensitivity` has no derivative of, and none if tendons have friction,
+    There are none by unknowns without an exact derivative, and none if tendons have friction,
     where the shape of a step depends on the steps before.
 
     Raises:
         OctoArmError: if an equilibrium has no sensitivities.
     """
-    arm = solver.arm
-    if arm.friction:
-        return {}
-    stretching = arm.stretching_lengths(solver.rest_lengths.ravel())
     rates = {
         one.name: _input_rates(unknowns, x, number)
         for number, one in enumerate(unknowns.unknowns)
-        if one.name not in _WITHOUT
+        if one.name in _EXACT or one.name.startswith(_OF_TENDONS)
     }
+    arm = solver.arm
+    if arm.friction or not rates:
+        return {}
+    stretching = arm.stretching_lengths(solver.rest_lengths.ravel())
     found: dict[str, list[ShapeChange]] = {name: [] for name in rates}
     for step, solution in enumerate(solutions):
         if isinstance(solution, Wound):
