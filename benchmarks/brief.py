@@ -1,20 +1,20 @@
-"""The option of every benchmark to run but briefly, to see that it runs."""
+"""The option --brief of the benchmarks: a run of seconds that shows only that the code works."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 
-# Asked for before the options are parsed: the lengths of a run are constants of its module.
+# Read before argparse runs, because modules compute their constants from it.
 IS_BRIEF = '--brief' in sys.argv[1:]
 
 
 def make_parser(description: str | None) -> argparse.ArgumentParser:
-    """Parser of a benchmark's options."""
+    """Return a parser with the option --brief."""
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        '--brief', action='store_true', help='only see that it runs; its numbers mean nothing then'
+        '--brief', action='store_true', help='check only that it runs; the numbers mean nothing'
     )
     return parser

@@ -1,10 +1,11 @@
-"""What the estimator's node spends on each kind of measurement, against the node of the same arm.
+"""Measure the processor time of the estimator's node for each kind of measurement.
 
-The prototype of the paper, with everything unknown that it estimates (tensions, biases, force and
-moment on the tip) and everything measured: tensions, displacements, pose of the tip, two markers
-and the wrench under the base. Every node is a process of its own, told one message at a time over
-DDS; the next comes when the estimate of the last is there. What the processor spends counts, not
-what a busy machine makes of it. Wanted: 200 estimates a second on one core.
+The arm is the prototype of the paper. The estimator has all unknowns (tensions, biases, force and
+moment on the tip) and all measurements: tensions, displacements, pose of the tip, two markers and
+the wrench under the base. Each node is a process of its own and receives one message at a time
+over DDS; the next message is sent after the estimate for the last. Ratios are to `octo_arm_node`
+of the same arm, in processor time, which a busy machine changes little. The goal is 200 estimates
+per second on one core.
 
     python benchmarks/estimator_node.py [--brief]
 """
@@ -64,7 +65,7 @@ NODES = {
         '-m',
         'octo_arm_model.ros.estimator.main',
         *COMMON,
-        *(word for given in UNKNOWN for word in ('-p', given)),
+        *(word for parameter in UNKNOWN for word in ('-p', parameter)),
     ],
 }
 KINDS: dict[str, Any] = {
@@ -77,25 +78,25 @@ KINDS: dict[str, Any] = {
 
 
 class Client(Participant):
-    """Tells a node what is measured, and waits for what it makes of it."""
+    """Publishes measurements to a node and waits for its estimates."""
 
     def __init__(self, domain: int) -> None:
-        """In a ``domain`` in which a node is started."""
+        """Join the ``domain`` of a node."""
         super().__init__(domain)
         self._publishers = {
             topic: self.node.create_publisher(kind, topic, 10) for topic, kind in KINDS.items()
         }
         self._answers: list[bytes] = []
-        hear = partial(self.node.create_subscription, raw=True)
-        hear(PoseArray, 'backbone/poses', self._answers.append, 100)
-        # What nobody hears is not made.
+        subscribe = partial(self.node.create_subscription, raw=True)
+        subscribe(PoseArray, 'backbone/poses', self._answers.append, 100)
+        # The node computes only outputs that somebody subscribes to.
         for topic, kind in ESTIMATES.items():
-            hear(message_class(kind), topic, lambda message: None, 100)
+            subscribe(message_class(kind), topic, lambda message: None, 100)
         self._solver = CONFIG.solver('exact', STATIONS)
         self._random, self._number = np.random.default_rng(1), 0
 
-    def connect(self) -> None:
-        """Wait until the node answers."""
+    def wait_for_node(self) -> None:
+        """Publish tensions until the node answers."""
         self.wait(
             lambda: bool(self._answers),
             'an answer of the node',
@@ -104,8 +105,8 @@ class Client(Participant):
         while self._spin(0.5):
             pass
 
-    def tell(self, topic: str) -> None:
-        """Tell of one measurement, and wait for the estimate."""
+    def measure_once(self, topic: str) -> None:
+        """Publish one measurement of a ``topic`` and wait for the estimate."""
         self._answers.clear()
         self._send(topic)
         self.wait(lambda: bool(self._answers), f'an answer to {topic}')
@@ -128,58 +129,62 @@ class Client(Participant):
             message.name = list(CONFIG.arm.tendon_names)
             message.tension = tensions + 0.01 * noise(4)
         elif topic == 'tendon_displacements':
-            drawn_in = self._solver.rest_lengths - self._solver.tendon_lengths(shape)
+            displacement = self._solver.rest_lengths - self._solver.tendon_lengths(shape)
             message.name = list(CONFIG.arm.tendon_names)
-            message.position = drawn_in.ravel() + 2e-4 * noise(4)
+            message.position = displacement.ravel() + 2e-4 * noise(4)
         elif topic == 'measured/tip_pose':
             message.pose.pose = pose_message(shape.tip + 5e-4 * noise(3), shape.quaternion[-1])
             message.pose.covariance = np.diag([2.5e-7] * 3 + [4e-4] * 3).ravel()
         elif topic == 'measured/markers':
-            for place in (0.09, 0.18):
-                x, y, z = (float(np.interp(place, shape.s, axis)) for axis in shape.position.T)
+            for s in (0.09, 0.18):
+                x, y, z = (float(np.interp(s, shape.s, axis)) for axis in shape.position.T)
                 message.poses.append(Pose(position=Point(x=x, y=y, z=z)))
         else:
             moment = np.cross(shape.tip, force) + 2e-4 * noise(3)
-            read = force + 2e-3 * noise(3)
-            for part, values in ((message.wrench.force, read), (message.wrench.torque, moment)):
-                part.x, part.y, part.z = values.tolist()
+            force_read = force + 2e-3 * noise(3)
+            for field, values in (
+                (message.wrench.force, force_read),
+                (message.wrench.torque, moment),
+            ):
+                field.x, field.y, field.z = values.tolist()
         self._publishers[topic].publish(message)
 
 
 def measure(name: str, domain: int) -> Iterator[tuple[str, float, float]]:
-    """Topic, processor time [s] and time to the answer [s] of every kind of measurement."""
+    """Yield each topic with the processor time [s] and the time to the answer [s] of a message."""
     topics = list(KINDS) if name == 'octo_arm_estimator' else ['tendon_tensions']
     with running(NODES[name], domain) as process, contextlib.closing(Client(domain)) as client:
-        client.connect()
+        client.wait_for_node()
         for topic in [*topics, 'all in turn'] if len(topics) > 1 else topics:
-            told = topics if topic not in KINDS else [topic]
-            for one in told:
-                client.tell(one)
-            before, start = processor_time(process.pid), time.perf_counter()
+            cycle = topics if topic not in KINDS else [topic]
+            for each in cycle:
+                client.measure_once(each)
+            cpu_before, start = processor_time(process.pid), time.perf_counter()
             for _ in range(CYCLES):
-                for one in told:
-                    client.tell(one)
-            count = CYCLES * len(told)
-            took = time.perf_counter() - start
-            yield topic, (processor_time(process.pid) - before) / count, took / count
+                for each in cycle:
+                    client.measure_once(each)
+            count = CYCLES * len(cycle)
+            elapsed = time.perf_counter() - start
+            yield topic, (processor_time(process.pid) - cpu_before) / count, elapsed / count
 
 
 def main() -> None:
-    """Print the table."""
+    """Print a row for each node and measurement."""
     make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    print(f'{STATIONS} stations, covariance at every one; one message at a time')
+    print(f'{STATIONS} stations, covariance at each; one message at a time')
     print(
-        f'{"node":20}{"told":24}{"CPU ms":>9}{"ms":>9}{"estimates/s of one core":>26}{"x node":>9}'
+        f'{"node":20}{"measurement":24}{"CPU ms":>9}{"latency ms":>12}'
+        f'{"estimates/s of a core":>24}{"x node":>9}'
     )
-    node = 0.0
+    node_cpu = 0.0
     for name in NODES:
-        for topic, spent, took in measure(name, new_domain()):
-            node = node or spent
-            rate = 1.0 / max(spent, 1e-9)
+        for topic, cpu, latency in measure(name, new_domain()):
+            node_cpu = node_cpu or cpu
+            rate = 1.0 / max(cpu, 1e-9)
             print(
-                f'{name:20}{topic:24}{1e3 * spent:9.2f}{1e3 * took:9.2f}{rate:26.0f}'
-                f'{spent / max(node, 1e-9):9.1f}'
+                f'{name:20}{topic:24}{1e3 * cpu:9.2f}{1e3 * latency:12.2f}{rate:24.0f}'
+                f'{cpu / max(node_cpu, 1e-9):9.1f}'
             )
 
 

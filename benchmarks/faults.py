@@ -1,11 +1,16 @@
-"""Sensors that lie: how soon the estimator names them, and how wrong what it publishes is.
+"""Measure how soon the estimator names a faulty sensor, and how wrong its estimates are meanwhile.
 
-Simulated arms, still and moving, whose load cells, tip and markers have noise as told, and one of
-which lies from `BEGIN`, or from the first message, to `END`. A row has after how long the liar was
-named, alone or with those that are as suspect, and for which part of the rest of its lie, the
-worst error of any station over its stated deviation, the share of estimates that are off by more
-than five of them, the longest that an honest sensor was refused, how long the liar was refused
-after its end, the estimates published, and the processor time of the worst message.
+Arms are simulated, still and moving, with load cells, the tip and markers measured. Noise is as
+configured; the fault lasts from `BEGIN`, or from the first message, to `END`. Each row has
+
+* the time until the faulty sensor is named, alone or among equally suspect ones,
+* the share of the rest of the fault in which it is named,
+* the largest error of any station over its stated standard deviation,
+* the share of estimates with an error of more than five standard deviations,
+* the longest time for which a sound sensor was refused,
+* the time for which the faulty sensor was still refused after the fault,
+* the share of messages for which an estimate was published,
+* the largest processor time of a message.
 
     python benchmarks/faults.py [--full] [--arm NAME] [--only TEXT] [--brief]
 """
@@ -32,9 +37,9 @@ from octo_arm_model.estimation.settings import EstimatorSettings
 
 ARMS = ('renda2012_table4', 'renda2012_prototype', 'rao2021', 'renda2012_table2')
 BEGIN, END, LAST = (0.1, 0.2, 0.3) if IS_BRIEF else (1.0, 4.0, 7.0)  # [s]
-PULL = 1.0 / 3.0  # of what the tendon is pulled by at most
-CELL, PLACE, FORCE, MOMENT = 0.02, 1e-3, 0.02, 0.002
-MARKED = (0.45, 1.0)  # of the length
+PULL = 1.0 / 3.0  # of the highest tension of a tendon
+CELL, POSITION = 0.02, 1e-3  # standard deviations [N, m]
+MARKED = (0.45, 1.0)  # places of the markers, over the length
 CELL_FAULTS = ('0', 'x 0.3', 'x 5', 'stuck', 'drift')
 OTHER_FAULTS = (
     'all cells x 1000',
@@ -47,7 +52,7 @@ SENSORS = {'tip': ('tip',), 'markers': ('markers',), 'both': ('tip', 'markers')}
 
 
 class Case(NamedTuple):
-    """A fault, and who is there to tell."""
+    """An arm with a fault, and the sensors besides its load cells."""
 
     arm: str
     fault: str
@@ -61,55 +66,54 @@ class Case(NamedTuple):
 
 
 class Row(NamedTuple):
-    """What came of a case; times in [s], NaN of what never was."""
+    """Results of a case; times in [s], NaN if the faulty sensor was never named."""
 
     named_after: float
-    named_part: float
-    worst: float
-    beyond: float
-    honest_refused: float
+    named_share: float
+    largest_error: float
+    share_beyond_five: float
+    sound_refused: float
     refused_after: float
     published: float
     slowest_ms: float
 
 
 class Bench:
-    """One arm, and an estimator for each case."""
+    """An arm whose cases are each run with a new estimator."""
 
     def __init__(self, name: str, *, is_compiled: bool | None = None) -> None:
-        """Of a preset."""
+        """Load the preset ``name`` and prepare its models."""
         self.config = load_config(name)
         values = {'estimator.tension_rate': 1.0}
         self.settings = EstimatorSettings.from_parameters(values, self.config)
         self.models = self.settings.models(self.config, compiled=is_compiled)
         ((_, self.model),) = self.models.items()
-        self.true = ArmModel.of(self.config, self.model.state.unknowns, compiled=is_compiled)
+        self.true_model = ArmModel.of(self.config, self.model.state.unknowns, compiled=is_compiled)
         self.names = self.config.arm.tendon_names
         self.highest = default_highest(self.config.arm).ravel()
 
     def run(self, case: Case) -> Row:
-        """What comes of a ``case``."""
-        own = Estimator.from_settings(self.settings, self.models, self.settings.window)
-        record = _Record(case, self.liars(case))
-        for step, (true, made) in enumerate(self.measured(case)):
-            now = step / case.rate
-            for number, one in enumerate(made):
+        """Run the estimator through a ``case``."""
+        estimator = Estimator.from_settings(self.settings, self.models, self.settings.window)
+        record = _Record(case, self.faulty_sensors(case))
+        for step, (shape, measurements) in enumerate(self.measurements(case)):
+            t = step / case.rate
+            for number, measurement in enumerate(measurements):
                 begin = time.process_time()
                 try:
-                    found = own.add(round(1e9 * now), [one])
-                    estimate = found.estimate
-                    away = estimate.backbone.position - true.position
+                    estimate = estimator.add(round(1e9 * t), [measurement]).estimate
+                    error = estimate.backbone.position - shape.position
                     covariance = estimate.pose_covariance
                 except SolveError:
-                    found = None
-                spent = time.process_time() - begin
-                record.note(now, own, spent, last=number == len(made) - 1)
-                if found is not None:
-                    record.error(now, away, covariance[:, :3, :3])
+                    estimate = None
+                cpu = time.process_time() - begin
+                record.add_message(t, estimator, cpu, is_last=number == len(measurements) - 1)
+                if estimate is not None:
+                    record.add_errors(error, covariance[:, :3, :3])
         return record.row()
 
-    def liars(self, case: Case) -> frozenset[str]:
-        """Names of the sensors that lie."""
+    def faulty_sensors(self, case: Case) -> frozenset[str]:
+        """Return the names of the faulty sensors."""
         if case.fault in CELL_FAULTS:
             return frozenset({f'load cell {self.names[case.tendon]}'})
         cells = frozenset(f'load cell {name}' for name in self.names)
@@ -122,125 +126,126 @@ class Bench:
             'base offset': frozenset({'base wrench'}),
         }[case.fault]
 
-    def tensions(self, case: Case, now: float) -> NDArray[np.float64]:
-        """True ones [N]."""
+    def tensions(self, case: Case, t: float) -> NDArray[np.float64]:
+        """Return the true tensions at the time ``t`` [N]."""
         base = PULL * self.highest * np.where(np.arange(self.highest.size) % 4 < 2, 1.0, 0.3)
         base[case.tendon] = PULL * self.highest[case.tendon]
         if case.is_moving:
-            turn = 0.5 * now + np.arange(base.size)
-            base = base * (1.0 + 0.2 * np.sin(turn))
+            phase = 0.5 * t + np.arange(base.size)
+            base = base * (1.0 + 0.2 * np.sin(phase))
         return np.asarray(base)
 
-    def measured(self, case: Case) -> Iterator[tuple[Backbone, list[Measurement]]]:
-        """Every time: the true shape, and what is measured in the order in which it comes."""
-        rng, at, stuck = np.random.default_rng(case.seed), None, None
+    def measurements(self, case: Case) -> Iterator[tuple[Backbone, list[Measurement]]]:
+        """Yield the true shape of each time, and the measurements in order of their arrival."""
+        rng, truth, stuck = np.random.default_rng(case.seed), None, None
         state, stddev = self.model.state, self.model.state.prior_stddev()
         force = 0.3 * stddev[state.tip_force] * rng.normal(size=3)
         for step in range(round(LAST * case.rate)):
-            now = step / case.rate
+            t = step / case.rate
             x = np.zeros(state.size)
-            x[state.tension] = self.tensions(case, now)
+            x[state.tension] = self.tensions(case, t)
             x[state.tip_force] = force
-            at = Prediction(self.true, x, None if at is None else at.solved)
-            shape, reading = at.solved, x[state.tension].copy()
-            lies = case.begin <= now < END
-            stuck = reading if now <= case.begin else stuck
-            marked = np.array([round(part * (len(shape.s) - 1)) for part in MARKED])
-            seen, tip = shape.position[marked].copy(), shape.tip.copy()
-            if lies:
-                reading, seen, tip = self._lie(case, now, (reading, seen, tip), stuck, at)
-            noise = rng.normal(size=reading.size), rng.normal(size=seen.shape), rng.normal(size=3)
-            cells = Tensions(reading + CELL * noise[0], CELL)
+            truth = Prediction(self.true_model, x, None if truth is None else truth.solved)
+            shape, reading = truth.solved, x[state.tension].copy()
+            is_faulty = case.begin <= t < END
+            stuck = reading if t <= case.begin else stuck
+            markers_at = np.array([round(part * (len(shape.s) - 1)) for part in MARKED])
+            markers, tip = shape.position[markers_at].copy(), shape.tip.copy()
+            if is_faulty:
+                reading, markers, tip = self._with_fault(
+                    case, t, (reading, markers, tip), stuck, truth
+                )
+            sizes = reading.size, markers.shape, 3
+            cell_noise, tip_noise, _ = (rng.normal(size=size) for size in sizes)
+            cells = Tensions(reading + CELL * cell_noise, CELL)
             others: list[Measurement] = []
             if 'tip' in SENSORS[case.sensors]:
-                others.append(TipPosition(tip + PLACE * noise[1][0], PLACE))
+                others.append(TipPosition(tip + POSITION * tip_noise[0], POSITION))
             if 'markers' in SENSORS[case.sensors]:
-                markers = seen + PLACE * rng.normal(size=seen.shape)
-                others.append(Markers(shape.s[marked], markers, PLACE))
+                markers = markers + POSITION * rng.normal(size=markers.shape)
+                others.append(Markers(shape.s[markers_at], markers, POSITION))
             if case.fault == 'base offset':
-                others.append(self._base_wrench(at, rng, is_off=lies))
+                others.append(self._base_wrench(truth, rng, is_faulty=is_faulty))
             yield shape, [cells, *others] if case.cells_first else [*others, cells]
 
-    def _lie(
+    def _with_fault(
         self,
         case: Case,
-        now: float,
+        t: float,
         true: tuple[NDArray[np.float64], ...],
         stuck: NDArray[np.float64] | None,
-        at: Prediction,
+        truth: Prediction,
     ) -> tuple[NDArray[np.float64], ...]:
-        """Readings, markers and tip with the fault."""
-        reading, seen, tip = true
+        """Return the ``true`` readings, markers and tip with the fault."""
+        reading, markers, tip = true
         tendon = case.tendon
         if case.fault in ('0', 'x 0.3', 'x 5'):
             reading[tendon] *= float(case.fault.removeprefix('x '))
         elif case.fault == 'stuck' and stuck is not None:
             reading[tendon] = stuck[tendon]
         elif case.fault == 'drift':
-            reading[tendon] += 0.05 * (now - case.begin)
+            reading[tendon] += 0.05 * (t - case.begin)
         elif case.fault == 'all cells x 1000':
             reading *= 1000.0
         elif case.fault == 'marker jumps':
-            seen[-1] = seen[0]
+            markers[-1] = markers[0]
         elif case.fault == 'tip 5 mm off':
             tip[2] += 0.005
         elif case.fault == 'tip and cells by 50 mm':
-            by = at.change.tip[:3, self.model.state.tension.start + tendon]
-            wrong = 0.05 / max(float(np.linalg.norm(by)), 1e-9)
-            reading[tendon] += wrong
-            tip += wrong * by
-        return reading, seen, tip
+            tip_per_tension = truth.change.tip[:3, self.model.state.tension.start + tendon]
+            excess = 0.05 / max(float(np.linalg.norm(tip_per_tension)), 1e-9)
+            reading[tendon] += excess
+            tip += excess * tip_per_tension
+        return reading, markers, tip
 
     def _base_wrench(
-        self, at: Prediction, rng: np.random.Generator, *, is_off: bool
+        self, truth: Prediction, rng: np.random.Generator, *, is_faulty: bool
     ) -> BaseWrench:
         scale = self.model.state.prior_stddev()[self.model.state.tip_force][0]
         force, moment = 0.1 * scale, 0.1 * scale * self.config.arm.length
         noise = np.repeat([force, moment], 3)
-        true = -BaseWrench(np.zeros(6), 1.0).innovation(at)
-        off = np.array([0.0, 3.0 * scale, 0.0, 0.0, 0.0, 0.0]) * is_off
-        return BaseWrench(true + off + noise * rng.normal(size=6), noise)
+        wrench = -BaseWrench(np.zeros(6), 1.0).innovation(truth)
+        offset = np.array([0.0, 3.0 * scale, 0.0, 0.0, 0.0, 0.0]) * is_faulty
+        return BaseWrench(wrench + offset + noise * rng.normal(size=6), noise)
 
 
 class _Record:
-    """Of one case, as it goes on."""
+    """Collects the results of a case."""
 
-    def __init__(self, case: Case, liars: frozenset[str]) -> None:
-        self._case, self._liars = case, liars
+    def __init__(self, case: Case, faulty: frozenset[str]) -> None:
+        self._case, self._faulty = case, faulty
         self._named: list[tuple[float, bool]] = []
         self._ratios: list[float] = []
         self._refused: dict[str, float] = {}
-        self._honest = self._after = self._slowest = 0.0
+        self._sound_refused = self._refused_after = self._slowest = 0.0
         self._count = 0
 
-    def note(self, now: float, own: Estimator, spent: float, *, last: bool) -> None:
-        """What is refused after a message, and what it cost; ``last`` of its stamp."""
+    def add_message(self, t: float, estimator: Estimator, cpu: float, *, is_last: bool) -> None:
+        """Note which sensors are refused after a message; only after the last of a stamp."""
         self._count += 1
-        if now > 0.0:
-            self._slowest = max(self._slowest, spent)
-        if not last:
+        if t > 0.0:
+            self._slowest = max(self._slowest, cpu)
+        if not is_last:
             return
-        refused = {name: 1e-9 * ns for name, ns in own.refused_since.items()}
-        lies = self._case.begin <= now < END
+        refused = {name: 1e-9 * ns for name, ns in estimator.refused_since.items()}
+        is_faulty = self._case.begin <= t < END
         for name, since in refused.items():
-            if name not in self._liars:
-                self._honest = max(self._honest, now - since + 1.0 / self._case.rate)
-            elif now >= END:
-                self._after = max(self._after, now - END + 1.0 / self._case.rate)
-        if lies:
-            named = refused.keys() | set(own.suspects)
-            self._named.append((now - self._case.begin, bool(self._liars & named)))
+            if name not in self._faulty:
+                self._sound_refused = max(self._sound_refused, t - since + 1.0 / self._case.rate)
+            elif t >= END:
+                self._refused_after = max(self._refused_after, t - END + 1.0 / self._case.rate)
+        if is_faulty:
+            named = refused.keys() | set(estimator.suspects)
+            self._named.append((t - self._case.begin, bool(self._faulty & named)))
 
-    def error(
-        self, now: float, away: NDArray[np.float64], covariance: NDArray[np.float64]
-    ) -> None:
-        """Errors of stations over their stated deviations."""
+    def add_errors(self, error: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
+        """Note the largest ratio of ``error`` (stations, 3) to its standard deviation."""
         deviation = np.sqrt(np.maximum(np.trace(covariance, axis1=1, axis2=2), 1e-12))
-        ratio = np.linalg.norm(away, axis=1) / np.maximum(deviation, 1e-5)
+        ratio = np.linalg.norm(error, axis=1) / np.maximum(deviation, 1e-5)
         self._ratios.append(float(ratio[1:].max()))
 
     def row(self) -> Row:
-        """The result."""
+        """Return the results."""
         first = next((after for after, is_named in self._named if is_named), np.nan)
         rest = [is_named for after, is_named in self._named if after >= first]
         ratios = np.array(self._ratios) if self._ratios else np.array([np.nan])
@@ -249,59 +254,65 @@ class _Record:
             float(np.mean(rest)) if rest else 0.0,
             float(ratios.max()),
             float(np.mean(ratios > 5.0)),
-            self._honest,
-            self._after,
+            self._sound_refused,
+            self._refused_after,
             len(self._ratios) / self._count,
             1e3 * self._slowest,
         )
 
 
 def cases(arms: tuple[str, ...], *, is_full: bool) -> Iterator[Case]:
-    """All of them, or a part that takes minutes."""
+    """Yield all cases, or a selection that takes minutes."""
     rates = (4.0, 20.0, 50.0) if is_full else (20.0,)
-    moves = (False, True) if is_full else (True,)
+    motions = (False, True) if is_full else (True,)
     orders = (True, False) if is_full else (True,)
     for arm, sensors in itertools.product(arms, SENSORS):
         tendons = range(len(load_config(arm).arm.tendon_names))
-        for fault, rate, moving, order in itertools.product(CELL_FAULTS, rates, moves, orders):
+        for fault, rate, is_moving, cells_first in itertools.product(
+            CELL_FAULTS, rates, motions, orders
+        ):
             for tendon in tendons if is_full else tendons[::5]:
-                yield Case(arm, fault, tendon, sensors, rate, moving, order)
-        for fault, rate, moving in itertools.product(('none', *OTHER_FAULTS), rates, moves):
-            needs = {
+                yield Case(arm, fault, tendon, sensors, rate, is_moving, cells_first)
+        for fault, rate, is_moving in itertools.product(('none', *OTHER_FAULTS), rates, motions):
+            sensor = {
                 'marker jumps': 'markers',
                 'tip 5 mm off': 'tip',
                 'tip and cells by 50 mm': 'tip',
             }.get(fault)
-            if needs is None or needs in SENSORS[sensors]:
-                yield Case(arm, fault, 0, sensors, rate, moving)
+            if sensor is None or sensor in SENSORS[sensors]:
+                yield Case(arm, fault, 0, sensors, rate, is_moving)
 
 
 def main() -> None:
-    """Print the table."""
+    """Print a row for each case."""
     parser = make_parser(__doc__)
-    parser.add_argument('--full', action='store_true', help='every tendon, rate and order')
-    parser.add_argument('--arm', help='one preset alone')
-    parser.add_argument('--only', default='', help='cases whose words have this in them')
-    given = parser.parse_args()
-    arms = (given.arm,) if given.arm else ARMS[:1] if IS_BRIEF else ARMS
-    benches: dict[str, Bench] = {}
-    print(
-        f'{"":58}{"named s":>8}{"of it":>7}{"worst":>8}{"> 5":>7}{"honest s":>9}{"after s":>8}'
-        f'{"given":>7}{"ms":>7}'
+    parser.add_argument('--full', action='store_true', help='run every tendon, rate and order')
+    parser.add_argument('--arm', help='run one preset only')
+    parser.add_argument(
+        '--only', default='', help='run the cases whose printed name contains this'
     )
-    for case in cases(arms, is_full=given.full):
-        words = (
+    options = parser.parse_args()
+    arms = (options.arm,) if options.arm else ARMS[:1] if IS_BRIEF else ARMS
+    benches: dict[str, Bench] = {}
+    print('Times in s; errors in standard deviations')
+    print(
+        f'{"":58}{"named after":>12}{"named":>7}{"error":>8}{"> 5 sd":>8}{"sound refused":>14}'
+        f'{"refused after":>14}{"published":>10}{"max ms":>7}'
+    )
+    for case in cases(arms, is_full=options.full):
+        name = (
             f'{case.arm} {case.fault} {case.tendon} {case.sensors} {case.rate:g} Hz '
             f'{"moving" if case.is_moving else "still"}{"" if case.cells_first else " cells last"}'
         )
-        if given.only not in words:
+        if options.only not in name:
             continue
         bench = benches.setdefault(case.arm, Bench(case.arm))
         row = bench.run(case)
         print(
-            f'{words:58}{row.named_after:8.2f}{100 * row.named_part:6.0f}%{row.worst:8.1f}'
-            f'{100 * row.beyond:6.1f}%{row.honest_refused:9.2f}{row.refused_after:8.2f}'
-            f'{100 * row.published:6.0f}%{row.slowest_ms:7.1f}',
+            f'{name:58}{row.named_after:12.2f}{100 * row.named_share:6.0f}%'
+            f'{row.largest_error:8.1f}{100 * row.share_beyond_five:7.1f}%'
+            f'{row.sound_refused:14.2f}{row.refused_after:14.2f}'
+            f'{100 * row.published:9.0f}%{row.slowest_ms:7.1f}',
             flush=True,
         )
 

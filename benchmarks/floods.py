@@ -1,8 +1,9 @@
-"""How long a request for parameters waits at the node while it is flooded, and diagnostics.
+"""Measure how long a flooded node takes to answer a request for parameters.
 
-The node holds an arm under its own weight, model exact, with the default budget of a solve. One
-request for parameters follows the other; of their times the median and the longest are told, and
-the longest time between two diagnostics, of which there is one a second.
+The node has an arm under its own weight, the model exact and the default budget of a solve. A
+client requests parameters again and again while another kind of message floods the node. Printed
+are the median and the longest time to an answer, and the longest time between two diagnostics,
+which are due once per second.
 
     python benchmarks/floods.py [--brief]
 """
@@ -31,26 +32,29 @@ from octo_arm_model.ros.node.main import make_executor
 
 DURATION = 1.0 if IS_BRIEF else 10.0  # [s] of each flood
 RATE = 500.0  # [Hz] of messages in a flood
-WAITING = 50  # requests that wait
-FORCE = 10.0  # [N] on the tip, for which there is no balance
+WAITING = 50  # requests of a service that wait at a time
+FORCE = 10.0  # [N] on the tip, with which the arm has no equilibrium
 
 
 class Flooder(Participant):
-    """Floods a node, and asks it for parameters meanwhile."""
+    """Floods a node and meanwhile requests its parameters."""
 
     def __init__(self, domain: int) -> None:
         """Wait for the node in ``domain``."""
         super().__init__(domain, make_executor)
-        make = self.node.create_publisher
-        self._tensions = make(TendonTensions, 'tendon_tensions', 10)
-        self._wrench = make(WrenchStamped, 'tip_wrench', 10)
+        create_publisher = self.node.create_publisher
+        self._tensions = create_publisher(TendonTensions, 'tendon_tensions', 10)
+        self._wrench = create_publisher(WrenchStamped, 'tip_wrench', 10)
         self._parameters = self.node.create_client(GetParameters, 'octo_arm/get_parameters')
         self._solve = self.node.create_client(Solve, 'solve')
         self._find = self.node.create_client(FindTensions, 'find_tensions')
         self._waiting: list[Any] = []
-        self._heard: list[float] = []
+        self._diagnostics: list[float] = []
         self.node.create_subscription(
-            DiagnosticArray, '/diagnostics', lambda _: self._heard.append(time.monotonic()), 10
+            DiagnosticArray,
+            '/diagnostics',
+            lambda _: self._diagnostics.append(time.monotonic()),
+            10,
         )
         self._number = itertools.count(1)
         services = (self._parameters, self._solve, self._find)
@@ -60,11 +64,11 @@ class Flooder(Participant):
         )
 
     def tensions(self) -> None:
-        """Send tensions, which are feasible."""
+        """Publish tensions for which there is a solution."""
         self._tensions.publish(question(next(self._number)))
 
     def wrench(self) -> None:
-        """Send a wrench that no balance is found under, every tenth time with tensions."""
+        """Publish a wrench without an equilibrium, every tenth time with tensions."""
         message = WrenchStamped()
         message.header.frame_id = CONFIG.base_frame
         message.wrench.force.z = FORCE
@@ -73,7 +77,7 @@ class Flooder(Participant):
             self.tensions()
 
     def solve(self) -> None:
-        """Have requests of the service solve waiting, for the same wrench."""
+        """Keep requests of the service solve waiting, for a wrench without an equilibrium."""
         request = Solve.Request()
         request.tensions.name = list(CONFIG.arm.tendon_names)
         request.tensions.tension = np.ravel(FETCHING_IN_SPACE).tolist()
@@ -81,42 +85,46 @@ class Flooder(Participant):
         self._keep_waiting(self._solve, request)
 
     def find(self) -> None:
-        """Have requests of the service find_tensions waiting, for a target out of reach."""
+        """Keep requests of the service find_tensions waiting, for a target out of reach."""
         request = FindTensions.Request(target=FindTensions.Request.TIP_POSITION)
         request.tip.position.x = 9.0
         self._keep_waiting(self._find, request)
 
     def everything(self) -> None:
-        """All of these."""
+        """Send a message of each flood."""
         for flood in (self.tensions, self.wrench, self.solve, self.find):
             flood()
 
     def _keep_waiting(self, service: Any, request: Any) -> None:
-        self._waiting = [one for one in self._waiting if not one.done()]
+        self._waiting = [answer for answer in self._waiting if not answer.done()]
         if len(self._waiting) < WAITING:
             self._waiting.append(service.call_async(request))
 
-    def ask(self, flood: Callable[[], None] | None) -> tuple[float, float, float]:
-        """Median and longest time of a request [s], and between diagnostics [s]."""
-        took = []
-        self._heard.clear()
-        began = now = due = time.monotonic()
-        while now < began + DURATION:
-            asked = self._parameters.call_async(GetParameters.Request(names=['model']))
-            sent = time.monotonic()
-            while not asked.done():
+    def measure(self, flood: Callable[[], None] | None) -> tuple[float, float, float]:
+        """Return median and longest time to an answer, and the longest between diagnostics [s]."""
+        durations = []
+        self._diagnostics.clear()
+        start = now = due = time.monotonic()
+        while now < start + DURATION:
+            answer = self._parameters.call_async(GetParameters.Request(names=['model']))
+            begin = time.monotonic()
+            while not answer.done():
                 now = time.monotonic()
                 if flood is not None and now >= due:
                     flood()
                     due = max(due + 1.0 / RATE, now)
                 self.executor.spin_once(timeout_sec=max(min(due - now, 0.001), 0.0))
             now = time.monotonic()
-            took.append(now - sent)
-        return float(np.median(took)), max(took), float(np.diff([began, *self._heard, now]).max())
+            durations.append(now - begin)
+        return (
+            float(np.median(durations)),
+            max(durations),
+            float(np.diff([start, *self._diagnostics, now]).max()),
+        )
 
 
 def main() -> None:
-    """Print the table."""
+    """Print a row for each flood."""
     make_parser(__doc__).parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     domain = new_domain()
@@ -128,13 +136,13 @@ def main() -> None:
             'wrenches': flooder.wrench,
             'solve': flooder.solve,
             'find_tensions': flooder.find,
-            'all of these': flooder.everything,
+            'all together': flooder.everything,
         }
-        print(f'Flooded at {RATE:.0f} Hz, a request for parameters at a time [ms]')
-        print(f'{"flood":16}{"median":>10}{"longest":>10}{"between diagnostics":>22}')
+        print(f'Flood of {RATE:.0f} Hz; time to an answer with parameters, one request at a time')
+        print(f'{"flood":16}{"median ms":>10}{"longest ms":>12}{"between diagnostics ms":>24}')
         for name, flood in floods.items():
-            median, longest, gap = (1e3 * value for value in flooder.ask(flood))
-            print(f'{name:16}{median:10.1f}{longest:10.1f}{gap:22.0f}', flush=True)
+            median, longest, gap = (1e3 * value for value in flooder.measure(flood))
+            print(f'{name:16}{median:10.1f}{longest:12.1f}{gap:24.0f}', flush=True)
 
 
 if __name__ == '__main__':

@@ -1,8 +1,8 @@
-"""The loaded arm by `scipy.integrate.solve_bvp`, for comparison.
+"""Solve the loaded arm with `scipy.integrate.solve_bvp`, for comparison.
 
-Position, orientation and moment along every stretch between anchorages are unknowns, all stretches
-mapped onto the same interval and coupled at its ends. Strains come at each point from the balance
-of the cross section with the tendons, by Newton's method on all points at once.
+The unknowns are position, orientation and moment in each panel between anchorages. All panels are
+mapped onto the same interval and coupled at its ends. The strains at each point follow from the
+balance of the cross section with the tendons, by Newton's method for all points at once.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from octo_arm_model.rod.tables import tabulate, work_arrays
 
 
 class LoadedBvp:
-    """One arm under tensions, weight and a tip force."""
+    """An arm with tensions, weight and a force on the tip."""
 
     def __init__(
         self, arm: Arm, tensions: np.ndarray, loads: Loads, law: str, base: Pose = Pose()
     ) -> None:
-        """Prepare; the unloaded shape is the first guess."""
+        """Store the problem and solve the arm without loads, which is the first guess."""
         self._arm, self._law, self._loads, self._base = arm, LAWS[law], loads, base
         self._tensions = np.reshape(tensions, (1, -1))
         self._elements = build_elements(arm)
@@ -37,7 +37,7 @@ class LoadedBvp:
         self.density = np.array(loads.gravity) * (arm.material.density - loads.fluid_density)
 
     def force(self, s: np.ndarray) -> np.ndarray:
-        """Resultant of what lies beyond s (3, n): the weight of a frustum and the tip force."""
+        """Return the force at s (3, n) [N]: the weight beyond, of a frustum, and the tip force."""
         body = self._arm.body
         assert isinstance(body, Body)
         radius, tip = body.radius(s), body.radius_tip
@@ -45,7 +45,7 @@ class LoadedBvp:
         return np.outer(self.density, volume) + np.array(self._loads.tip_force)[:, np.newaxis]
 
     def tip(self, tol: float, nodes: int = 51) -> np.ndarray:
-        """Position of the tip [m]."""
+        """Return the position of the tip [m], (3,)."""
         x = np.linspace(0.0, 1.0, nodes)
         guess = []
         backbone = self._unloaded
@@ -63,8 +63,8 @@ class LoadedBvp:
         rates = np.empty_like(y)
         for i, (start, stop, section) in enumerate(self._panels):
             s = start + x * (stop - start)
-            part = slice(10 * i, 10 * (i + 1))
-            rates[part] = (stop - start) * self._panel_rates(s, section, y[part])
+            rows = slice(10 * i, 10 * (i + 1))
+            rates[rows] = (stop - start) * self._panel_rates(s, section, y[rows])
         return rates
 
     def _panel_rates(self, s: np.ndarray, section: int, y: np.ndarray) -> np.ndarray:
@@ -92,20 +92,20 @@ class LoadedBvp:
         return rates
 
     def _twist(self, s: np.ndarray, section: int, wrench: np.ndarray) -> np.ndarray:
-        """Twists (4, n) at ``s`` (n,) in a panel, in balance with the ``wrench`` (4, n)."""
+        """Return the twists (4, n) at ``s`` (n,) in balance with the ``wrench`` (4, n)."""
         stop = next(stop for _, stop, number in self._panels if number == section)
         at, base = (np.minimum(s, stop), np.full(s.size, section)), np.array([1.0, 0, 0, 0])
         tables = tabulate(self._arm, self._elements, base, law=self._law.number, at=at)
         work = work_arrays(tables, 4, has_jacobian=False)
         pulls = np.broadcast_to(self._tensions, (s.size, self._tensions.size)).copy()
-        start = self._unloaded
+        unloaded = self._unloaded
         twist = np.empty((s.size, 4))
-        q = np.interp(s, start.s, start.q)
+        q = np.interp(s, unloaded.s, unloaded.q)
         for row, name in enumerate(('tau', 'xi', 'k')):
-            twist[:, row] = (1 + q) * np.interp(s, start.s, getattr(start, name))
+            twist[:, row] = (1 + q) * np.interp(s, unloaded.s, getattr(unloaded, name))
         twist[:, 3] = 1 + q
-        own = np.ascontiguousarray(wrench.reshape(4, -1).T)
-        arrays.balance(tables, twist, pulls, own, 1e-12, work)
+        wrench_rows = np.ascontiguousarray(wrench.reshape(4, -1).T)
+        arrays.balance(tables, twist, pulls, wrench_rows, 1e-12, work)
         return twist.T
 
     def _ends(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:

@@ -1,10 +1,10 @@
-"""The estimator on an octopus arm whose description is wrong: friction, and E 5 % too small.
+"""Measure the estimator on an octopus arm with wrong parameters: no friction, E 5 % too small.
 
-The arm of Table 4 of the paper in water, with its weight and twelve tendons, moves slowly and is
-pushed at its tip. The true arm has friction (mu = 0.15) and a modulus 5 % larger than told.
-Measured are tensions, the tip and two markers. What is asked: by how much the shape and the force
-are wrong, and how many of these errors are inside bands of 95 %; what is left while one sensor is
-lost, and once it is back; whether one that lies is refused.
+The arm of Table 4 of the paper, with its weight and twelve tendons, moves slowly in water while a
+force acts on its tip. The true arm has friction (mu = 0.15) and a modulus that is 5 % larger than
+the estimator's. Tensions, the tip and two markers are measured. Printed are errors of shape and
+force and their share within 95 % bands: with all sensors, while one sensor is lost, after it is
+back, and while the tip is measured wrongly.
 
     python benchmarks/octopus_estimation.py [--brief]
 """
@@ -31,17 +31,17 @@ from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
 
 STEPS, SEEDS = (4, 1) if IS_BRIEF else (200, 4)
-SETTLED = 0 if IS_BRIEF else 20  # steps that do not count
+FIRST_COUNTED = 0 if IS_BRIEF else 20  # step before which errors do not count
 PERIOD = 0.05  # [s]
-LOST, LIES = 30, 4  # steps in which a sensor is lost, and in which one lies
-STATIONS, MARKED = 46, [15, 30]
+LOST_STEPS, FAULTY_STEPS = 30, 4  # steps without a sensor, and with a faulty one
+STATIONS, MARKER_STATIONS = 46, [15, 30]
 ARM = load_config(preset_path('renda2012_table4')).arm.with_density(1080.0)
 WATER = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
-MODULUS = 1.1e5  # [Pa], of the table
-FRICTION, STIFFER = 0.15, 1.05
+MODULUS = 1.1e5  # [Pa], of Table 4
+FRICTION, MODULUS_RATIO = 0.15, 1.05
 TRUE_ARM = dataclasses.replace(
     ARM,
-    material=dataclasses.replace(ARM.material, youngs_modulus=STIFFER * MODULUS),
+    material=dataclasses.replace(ARM.material, youngs_modulus=MODULUS_RATIO * MODULUS),
     friction=(FRICTION,) * len(ARM.tendons),
 )
 HIGHEST = default_highest(ARM).ravel()
@@ -54,44 +54,48 @@ FULL = dataclasses.replace(
 )
 
 
+# From a step and all measurements to those that the filter gets.
+Select = Callable[[int, dict[str, Measurement]], list[Measurement]]
+
+
 class Moment(NamedTuple):
-    """What is true at one time, and what is measured, by the name of its sensor."""
+    """The true shape and tip force at one time, and the measurements by the name of the sensor."""
 
     shape: Backbone
     force: NDArray[np.float64]
-    measured: dict[str, Measurement]
+    measurements: dict[str, Measurement]
 
 
-def moved(seed: int) -> list[Moment]:
-    """The true arm, followed through its motion."""
+def simulate(seed: int) -> list[Moment]:
+    """Simulate a run: the true arm follows its tensions and a random force on its tip."""
     rng = np.random.default_rng(seed)
     solver = Solver(TRUE_ARM, 'exact', STATIONS, loads=WATER)
     phase, rate = rng.uniform(0.0, 2.0 * math.pi, 12), rng.uniform(0.1, 0.3, 12)
-    force, shape, made = FORCE.stddev * rng.normal(size=3), None, []
+    force, shape, moments = FORCE.stddev * rng.normal(size=3), None, []
     for step in range(STEPS):
         if step:
             noise = FORCE.stddev * math.sqrt(-math.expm1(-2.0 * PERIOD)) * rng.normal(size=3)
             force = math.exp(-PERIOD) * force + noise
-        turn = 2.0 * math.pi * rate * step * PERIOD + phase
-        tensions = 0.125 * HIGHEST * (1.0 + np.sin(turn))
+        angle = 2.0 * math.pi * rate * step * PERIOD + phase
+        tensions = 0.125 * HIGHEST * (1.0 + np.sin(angle))
         wrench = np.append(force, np.zeros(3))
         shape = solver.follow(tensions.reshape(ARM.tension_shape), shape, wrench)
-        read = tensions + LOAD_CELL * rng.normal(size=12)
-        seen = shape.position + CAMERA * rng.normal(size=(STATIONS, 3))
-        measured: dict[str, Measurement] = {
-            'tensions': Tensions(read, LOAD_CELL),
-            'tip': TipPosition(seen[-1], CAMERA),
-            'markers': Markers(shape.s[MARKED], seen[MARKED], CAMERA),
+        readings = tensions + LOAD_CELL * rng.normal(size=12)
+        positions = shape.position + CAMERA * rng.normal(size=(STATIONS, 3))
+        measurements: dict[str, Measurement] = {
+            'tensions': Tensions(readings, LOAD_CELL),
+            'tip': TipPosition(positions[-1], CAMERA),
+            'markers': Markers(shape.s[MARKER_STATIONS], positions[MARKER_STATIONS], CAMERA),
         }
-        made.append(Moment(shape, force, measured))
-    return made
+        moments.append(Moment(shape, force, measurements))
+    return moments
 
 
 class Errors:
-    """Errors of shape and force, and how many are inside 95 %."""
+    """Errors of shape and force, and their share within the 95 % bands."""
 
     def __init__(self) -> None:
-        """Of nothing yet."""
+        """Start without errors."""
         self.refused: dict[str, int] = {}
         self.seconds, self.count = 0.0, 0
         self._position: list[NDArray[np.float64]] = []
@@ -99,123 +103,119 @@ class Errors:
         self._inside: list[list[float]] = []
 
     def add(
-        self,
-        unknowns: Unknowns,
-        made: list[Moment],
-        told: Callable[[int, dict[str, Measurement]], list[Measurement]],
-        counted: range,
+        self, unknowns: Unknowns, moments: list[Moment], select: Select, counted: range
     ) -> None:
-        """Of a filter of ``unknowns`` that is ``told`` what is ``made``, of steps ``counted``."""
-        own = Filter(ArmModel(ARM, unknowns, loads=WATER, stations=STATIONS))
+        """Run a filter with ``unknowns`` through a run, and add its errors.
+
+        The filter gets the measurements that ``select`` returns. Only steps in ``counted`` count.
+        """
+        estimator = Filter(ArmModel(ARM, unknowns, loads=WATER, stations=STATIONS))
         start = time.process_time()
-        for step, now in enumerate(made):
+        for step, moment in enumerate(moments):
             try:
-                found = own.add(PERIOD * step, told(step, now.measured))
+                estimate = estimator.add(PERIOD * step, select(step, moment.measurements))
             except SolveError:
-                self.refused['times'] = self.refused.get('times', 0) + 1
+                self.refused['steps'] = self.refused.get('steps', 0) + 1
                 continue
-            covariance = found.pose_covariance
+            covariance = estimate.pose_covariance
             if step not in counted:
                 continue
-            position = found.backbone.position - now.shape.position
-            force = found.tip_wrench[:3] - now.force
-            # The base stands still, and its band has no width.
+            position = estimate.backbone.position - moment.shape.position
+            force = estimate.tip_wrench[:3] - moment.force
+            # Without the base, which is fixed and has no covariance.
             band = 1.96 * np.sqrt(np.einsum('nii->ni', covariance)[1:, :3])
-            of_force = 1.96 * np.sqrt(np.diag(found.tip_wrench_covariance)[:3])
+            force_band = 1.96 * np.sqrt(np.diag(estimate.tip_wrench_covariance)[:3])
             self._position.append(position)
             self._force.append(force)
             self._inside.append(
                 [
                     float(np.mean(np.abs(position[1:]) < band)),
                     float(np.mean(np.abs(position[-1]) < band[-1])),
-                    float(np.mean(np.abs(force) < of_force)),
+                    float(np.mean(np.abs(force) < force_band)),
                 ]
             )
         self.seconds += time.process_time() - start
-        self.count += len(made)
-        for name, count in own.refused.items():
+        self.count += len(moments)
+        for name, count in estimator.refused.items():
             self.refused[name] = self.refused.get(name, 0) + count
 
     def report(self, name: str) -> None:
         """Print a row of the table."""
         position, force = np.array(self._position), np.array(self._force)
         along, tip = (
-            1e3 * np.sqrt((part**2).sum(axis=-1).mean()) for part in (position, position[:, -1])
+            1e3 * np.sqrt((error**2).sum(axis=-1).mean()) for error in (position, position[:, -1])
         )
-        inside = ''.join(f'{100.0 * one:9.1f}' for one in np.mean(self._inside, axis=0))
-        newtons = 1e3 * np.sqrt((force**2).sum(axis=1).mean())
-        refused = ', '.join(f'{count} {what}' for what, count in self.refused.items())
-        spent = 1e3 * self.seconds / self.count
-        print(f'{name:34}{along:8.2f}{tip:8.2f}{newtons:9.3f}{inside}{spent:8.1f}  {refused}')
+        coverage = ''.join(f'{100.0 * share:9.1f}' for share in np.mean(self._inside, axis=0))
+        force_rms = 1e3 * np.sqrt((force**2).sum(axis=1).mean())
+        refused = ', '.join(f'{count} {sensor}' for sensor, count in self.refused.items())
+        per_step = 1e3 * self.seconds / self.count
+        print(
+            f'{name:34}{along:8.2f}{tip:8.2f}{force_rms:9.3f}{coverage}{per_step:8.1f}  {refused}'
+        )
+
+
+def report(
+    name: str, runs: list[list[Moment]], unknowns: Unknowns, select: Select, counted: range
+) -> None:
+    """Print the row of a filter with ``unknowns``, see `Errors.add`."""
+    errors = Errors()
+    for run in runs:
+        errors.add(unknowns, run, select, counted)
+    errors.report(name)
 
 
 def main() -> None:
-    """Print the table."""
+    """Print a row for each case."""
     make_parser(__doc__).parse_args()
-    runs = [moved(seed) for seed in range(SEEDS)]
-    everywhere = range(SETTLED, STEPS)
-    zero = 1e3 * np.sqrt(np.mean([now.force @ now.force for made in runs for now in made]))
+    runs = [simulate(seed) for seed in range(SEEDS)]
+    counted = range(FIRST_COUNTED, STEPS)
+    force = 1e3 * np.sqrt(np.mean([each.force @ each.force for run in runs for each in run]))
     print(
-        f'{SEEDS} runs of {STEPS} steps, mu = {FRICTION:g} and E {100 * (STIFFER - 1):.0f} % '
-        f'wrong; the force is {zero:.3f} mN rms'
+        f'{SEEDS} runs of {STEPS} steps; true arm with mu = {FRICTION:g} and E '
+        f'{100 * (MODULUS_RATIO - 1):.0f} % larger; the force is {force:.3f} mN rms'
     )
-    print('refused times are those at which nothing converged')
+    print('Rms errors, their share within 95 % bands, time per step, and refused measurements')
+    print('(refused steps are those in which no estimate converged)')
     print(
-        f'{"":34}{"arm mm":>8}{"tip mm":>8}{"force mN":>9}{"95 % has":>9}{"of tip":>9}'
-        f'{"of force":>9}{"ms":>8}  refused'
+        f'{"":34}{"arm mm":>8}{"tip mm":>8}{"force mN":>9}{"arm %":>9}{"tip %":>9}'
+        f'{"force %":>9}{"ms":>8}  refused'
     )
 
-    def all_of(step: int, measured: dict[str, Measurement]) -> list[Measurement]:
-        return list(measured.values())
+    def all_sensors(step: int, measurements: dict[str, Measurement]) -> list[Measurement]:
+        return list(measurements.values())
 
-    def tensions_alone(step: int, measured: dict[str, Measurement]) -> list[Measurement]:
-        return [measured['tensions']]
+    def tensions_only(step: int, measurements: dict[str, Measurement]) -> list[Measurement]:
+        return [measurements['tensions']]
 
-    for name, unknowns, told in (
-        ('tensions alone', Unknowns(PULLS), tensions_alone),
-        ('all sensors; no unknown E, friction', FROM_SHAPE, all_of),
-        ('all sensors and unknowns', FULL, all_of),
+    for name, unknowns, select in (
+        ('tensions only', Unknowns(PULLS), tensions_only),
+        ('all sensors, only force estimated', FROM_SHAPE, all_sensors),
+        ('all sensors and unknowns', FULL, all_sensors),
     ):
-        errors = Errors()
-        for made in runs:
-            errors.add(unknowns, made, told, everywhere)
-        errors.report(name)
+        report(name, runs, unknowns, select, counted)
     first = STEPS // 4
-    last = min(first + LOST, STEPS - 1)
+    last = min(first + LOST_STEPS, STEPS - 1)
     for lost in ('tensions', 'tip', 'markers'):
 
-        def without(
-            step: int, measured: dict[str, Measurement], lost: str = lost
+        def without_lost(
+            step: int, measurements: dict[str, Measurement], lost: str = lost
         ) -> list[Measurement]:
-            gone = lost if first <= step < last else ''
-            return [one for name, one in measured.items() if name != gone]
+            is_lost = first <= step < last
+            return [each for name, each in measurements.items() if not is_lost or name != lost]
 
         seconds = (last - first) * PERIOD
-        for name, counted in (
-            (f'{lost} lost for {seconds:g} s, meanwhile', range(first, last)),
-            ('  and from then on', range(last, STEPS)),
-        ):
-            errors = Errors()
-            for made in runs:
-                errors.add(FULL, made, without, counted)
-            errors.report(name)
+        report(f'no {lost} for {seconds:g} s', runs, FULL, without_lost, range(first, last))
+        report('  and after that', runs, FULL, without_lost, range(last, STEPS))
 
-    lies = range(first, min(first + LIES, last))
+    faulty = range(first, min(first + FAULTY_STEPS, last))
 
-    def lying(step: int, measured: dict[str, Measurement]) -> list[Measurement]:
-        if step not in lies:
-            return list(measured.values())
-        tip = measured['tip']
-        return [
-            measured['tensions'],
-            TipPosition(tip.value + [0.0, 0.2, 0.0], CAMERA),
-            measured['markers'],
-        ]
+    def with_fault(step: int, measurements: dict[str, Measurement]) -> list[Measurement]:
+        if step not in faulty:
+            return list(measurements.values())
+        tip = TipPosition(measurements['tip'].value + [0.0, 0.2, 0.0], CAMERA)
+        return [measurements['tensions'], tip, measurements['markers']]
 
-    errors = Errors()
-    for made in runs:
-        errors.add(FULL, made, lying, lies)
-    errors.report(f'tip told 20 cm off, {SEEDS * len(lies)} times')
+    report(f'tip wrong by 20 cm, {SEEDS * len(faulty)} times', runs, FULL, with_fault, faulty)
 
 
 if __name__ == '__main__':

@@ -1,10 +1,9 @@
-"""The node under load for long, with invalid messages, changed parameters and restarts.
+"""Test the node for long: load, invalid messages, parameter changes and restarts.
 
     python benchmarks/soak.py                 an hour: a million messages
     python benchmarks/soak.py --part 0.01     a minute
 
-The node runs as a process of its own over real DDS, in a domain of its own. `make test` runs the
-same with a thousandth part.
+The node is a process of its own in a DDS domain of its own. `make test` runs a thousandth of this.
 """
 
 from __future__ import annotations
@@ -48,38 +47,42 @@ SCALE = np.array([[0.2], [1.5], [3.0]])
 TENSIONS = np.array([[0.1, 0.0, 0.05, 0.0], [1.0, 0.0, 0.0, 0.3], [0.0, 2.0, 0.0, 0.0]])
 ARM_RATES = (50.0, 100.0, 150.0, 200.0, 300.0, 400.0)  # [Hz]
 RECORDED_RATE = 100.0  # [Hz]
-WARM = 2000  # hostile messages until every queue has been full and all that is cached is cached
-LARGEST_RISE = 5.0  # [MB] of memory from then on
-WRENCH = 3  # among the publishers of a `Client`
-LARGE = 2**16  # [bytes] of a message of which the middleware may drop several at once
-SAID: dict[int, IO[bytes]] = {}  # what nodes wrote to stderr, by their process
-# Half of the node's input queue: a message that finds it full replaces one that is not counted.
+WARM = 2000  # invalid messages until queues and caches are full
+LARGEST_RISE = 5.0  # [MB] of memory after `WARM` messages
+WRENCH = 3  # index of the publisher of wrenches in `Client.publishers`
+LARGE = 2**16  # [bytes]; of larger messages the middleware may drop several at once
+STDERR: dict[int, IO[bytes]] = {}  # output of the nodes, by their process
+# Half of the node's input queue: in a full queue a message replaces another, which is not counted.
 MOST_UNDER_WAY = INPUT_QOS.depth // 2
 STAMP = slice(4, 12)  # of a serialised message with a header
 
 
 def start_node(domain: int, *arguments: str, file: Path = FILE) -> subprocess.Popen[bytes]:
-    """A node of its own."""
+    """Start a node in ``domain``."""
     command = [sys.executable, '-m', 'octo_arm_model.ros.node.main', '--ros-args']
-    said = tempfile.TemporaryFile()
+    stderr = tempfile.TemporaryFile()
     command += ['--params-file', str(file), *arguments]
-    process = subprocess.Popen(command, env=environment_in(domain), stderr=said)
-    SAID[process.pid] = said
+    process = subprocess.Popen(command, env=environment_in(domain), stderr=stderr)
+    STDERR[process.pid] = stderr
     return process
 
 
 def end(process: subprocess.Popen[bytes], expected: set[int]) -> int:
-    """Wait until ``process`` ends; returns its exit status, one of those ``expected``."""
+    """Wait for the end of a ``process`` and return its exit status.
+
+    Raises:
+        RuntimeError: if the status is not one of those ``expected``.
+    """
     status = process.wait(timeout=DEADLINE)
     if status not in expected:
-        SAID[process.pid].seek(0)
-        text = SAID[process.pid].read()[-3000:].decode(errors='replace')
-        raise RuntimeError(f'exit status {status} of the node, which said ... {text}')
+        STDERR[process.pid].seek(0)
+        text = STDERR[process.pid].read()[-3000:].decode(errors='replace')
+        raise RuntimeError(f'exit status {status} of the node, its output ends with {text}')
     return status
 
 
 class Client(Participant):
-    """Sends tensions as bytes, and computes the expected answers, byte for byte."""
+    """Publishes serialised tensions and computes the bytes of the expected answers."""
 
     KEYS = ('output answered', 'output skipped', 'input refused', 'solver failures')
 
@@ -115,7 +118,7 @@ class Client(Participant):
 
     @staticmethod
     def writer_of(config: Config) -> BackboneWriter:
-        """Writer of the answers for ``config``."""
+        """Return the writer of answers for ``config``."""
         solver = config.solver()
         return BackboneWriter(config.base_frame, config.model, solver.grid.s, solver.grid.section)
 
@@ -129,91 +132,93 @@ class Client(Participant):
                     self.totals[f'{status.name.split(": ")[1]} {value.key}'] = int(value.value)
 
     def listen(self) -> None:
-        """Receive what has arrived."""
+        """Receive messages that have arrived."""
         for _ in range(4):
             self.executor.spin_once(timeout_sec=0.0)
 
-    def good(self, tensions: np.ndarray) -> bytes:
-        """Send a valid message; returns its stamp as in the answer."""
+    def publish_valid(self, tensions: np.ndarray) -> bytes:
+        """Publish a valid message and return the bytes of its stamp, which its answer has too."""
         second = next(self.stamps)
         header = Header(stamp=Time(sec=second, nanosec=7))
         message = TendonTensions(header=header, name=self.names, tension=tensions.ravel())
-        self.send(0, serialize_message(message))
+        self.publish(0, serialize_message(message))
         return second.to_bytes(4, 'little') + (7).to_bytes(4, 'little')
 
-    def paced(self, tensions: np.ndarray) -> None:
-        """Send a valid message, and wait for its answer if `MOST_UNDER_WAY` may be under way."""
-        stamp = self.good(tensions)
+    def publish_paced(self, tensions: np.ndarray) -> None:
+        """Publish a valid message; wait for an answer after every `MOST_UNDER_WAY` messages."""
+        stamp = self.publish_valid(tensions)
         self.under_way += 1
         if self.under_way == MOST_UNDER_WAY:
             self.under_way = 0
             self.wait(lambda: stamp in self.answers, 'an answer to the newest of a burst')
 
-    def send(self, topic: int, data: bytes) -> None:
-        """Send bytes on one of the topics."""
+    def publish(self, topic: int, data: bytes) -> None:
+        """Publish bytes on the topic with the index ``topic``."""
         self.publishers[topic].publish(data)
-        # Wrenches that are no message, or overtaken by others, are not counted by the node.
+        # The node counts neither malformed nor replaced wrenches.
         self.sent += topic != WRENCH
 
-    def expected(self, tensions: np.ndarray, stamp: bytes) -> bytes:
-        """The expected answer."""
+    def expected_answer(self, tensions: np.ndarray, stamp: bytes) -> bytes:
+        """Return the bytes of the expected answer."""
         backbone = self.solver.solve(tensions)
         second = int.from_bytes(stamp[:4], 'little')
         return self.writer.poses(backbone, second, 7)
 
     def ask_until_answered(self) -> None:
-        """Ask until there is an answer."""
+        """Publish tensions until there is an answer."""
         rest = np.zeros(CONFIG.arm.tension_shape)
-        self.wait(lambda: self.answers, 'a first answer', lambda: self.good(rest))
+        self.wait(lambda: self.answers, 'a first answer', lambda: self.publish_valid(rest))
 
     def connect(self) -> None:
-        """Ask until there is an answer, and drop it."""
+        """Wait until the node answers, and start to count messages."""
         self.ask_until_answered()
-        last = self.good(np.zeros(CONFIG.arm.tension_shape))
-        self.wait(lambda: last in self.answers, 'an answer to the last one')
-        # Messages sent before discovery were not delivered: count from here.
+        last = self.publish_valid(np.zeros(CONFIG.arm.tension_shape))
+        self.wait(lambda: last in self.answers, 'an answer to the last message')
+        # Messages before discovery were not delivered, so that the count starts here.
         for _ in range(2):
             self.totals.clear()
-            self.wait(lambda: len(self.totals) > 5, 'a diagnosis')
-        self.base, self.sent = self.counted(), 0
+            self.wait(lambda: len(self.totals) > 5, 'a diagnostic message')
+        self.base, self.sent = self.count_handled(), 0
 
-    def check_count(self) -> dict[str, int]:
-        """Wait until the node accounts for every message; returns its totals."""
-        self.wait(lambda: self.counted() - self.base >= self.sent, 'an account of every message')
+    def wait_for_count(self) -> dict[str, int]:
+        """Wait until the diagnostics count every message; return their totals."""
+        self.wait(
+            lambda: self.count_handled() - self.base >= self.sent, 'a count of every message'
+        )
         return {key: self.totals[key] for key in self.KEYS}
 
-    def counted(self) -> int:
-        """Messages the node has accounted for."""
+    def count_handled(self) -> int:
+        """Return the number of messages that the diagnostics count."""
         return sum(self.totals.get(key, 0) for key in self.KEYS)
 
 
-def valid(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
-    """Many valid messages: constant memory, none lost without being counted."""
+def send_valid(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
+    """Publish many valid messages: memory stays constant, every message is counted."""
     random = np.random.default_rng(1)
     sets = random.uniform(0.0, 1.0, (200, *CONFIG.arm.tension_shape)) * SCALE
-    warm = max(count // 20, 500)
+    warm_up = max(count // 20, 500)
     memory = 0.0
     for number in range(count):
-        # One by one, and in bursts faster than they can be answered.
+        # Half one by one, half in bursts faster than the node can answer.
         if number % 2000 < 1000:
             client.listen()
             time.sleep(0.001)
-        client.paced(sets[number % len(sets)])
+        client.publish_paced(sets[number % len(sets)])
         if number % 1000 == 0:
             client.answers.clear()
-        if number == warm:
+        if number == warm_up:
             memory = megabytes(process.pid)
-    totals = client.check_count()
-    grown = megabytes(process.pid) - memory
+    totals = client.wait_for_count()
+    memory_rise = megabytes(process.pid) - memory
     return [
         f'{count} valid messages',
         f'{totals["output answered"]} answered, '
-        f'{totals["output skipped"]} skipped, memory {grown:+.1f} MB',
+        f'{totals["output skipped"]} skipped, memory {memory_rise:+.1f} MB',
     ]
 
 
-def hostile_messages(names: list[str], random: np.random.Generator) -> Callable[[], Any]:
-    """A source of (topic, bytes) that no arm should answer; the topics are those of a `Client`."""
+def invalid_messages(names: list[str], random: np.random.Generator) -> Callable[[], Any]:
+    """Return a source of (topic, bytes) of invalid messages; topics are indices of publishers."""
     good = np.full(12, 0.1)
     value = [np.nan, np.inf, -np.inf, -1.0, -1e-300, 1e300]
 
@@ -278,10 +283,10 @@ def hostile_messages(names: list[str], random: np.random.Generator) -> Callable[
     return lambda: kinds[int(random.integers(len(kinds)))]()
 
 
-def hostile(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
-    """Invalid messages among valid ones: every valid one answered correctly, memory constant."""
+def send_invalid(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
+    """Publish invalid messages among valid ones: answers are correct, memory stays constant."""
     random = np.random.default_rng(2)
-    source = hostile_messages(client.names, random)
+    source = invalid_messages(client.names, random)
     sent = right = 0
     before = None
     while sent < count:
@@ -289,31 +294,31 @@ def hostile(client: Client, process: subprocess.Popen[bytes], count: int) -> lis
             before = megabytes(process.pid)
         for _ in range(int(random.integers(1, 6))):
             topic, data = source()
-            client.send(topic, data)
+            client.publish(topic, data)
             sent += 1
             if len(data) > LARGE:
                 break
         tensions = random.uniform(0.0, 1.0, CONFIG.arm.tension_shape) * SCALE
         client.answers.clear()
-        stamp = client.good(tensions)
-        client.wait(lambda: stamp in client.answers, 'an answer among hostile messages')
-        if client.answers[stamp] != client.expected(tensions, stamp):
+        stamp = client.publish_valid(tensions)
+        client.wait(lambda: stamp in client.answers, 'an answer among invalid messages')
+        if client.answers[stamp] != client.expected_answer(tensions, stamp):
             raise RuntimeError(f'wrong shape for {tensions.tolist()}')
         right += 1
-    client.check_count()
+    client.wait_for_count()
     if process.poll() is not None:
         raise RuntimeError('the node died')
-    outcome = f'{right} good ones among them answered rightly'
+    outcome = f'{right} valid ones among them answered correctly'
     if before is not None:
         after = megabytes(process.pid)
         outcome += f', memory from {before:.1f} to {after:.1f} MB'
         if after > before + LARGEST_RISE:
             raise RuntimeError(f'{outcome}, expected a rise of at most {LARGEST_RISE} MB')
-    return [f'{sent} hostile messages', outcome]
+    return [f'{sent} invalid messages', outcome]
 
 
-def recorded(domain: int, seconds: float) -> list[str]:
-    """A node of which everything is heard, as by `ros2 bag record -a`: everything answered."""
+def record_everything(domain: int, seconds: float) -> list[str]:
+    """Subscribe to all topics of a node, as `ros2 bag record -a`: it still answers everything."""
     process = start_node(domain)
     client = Client(domain)
     counts, shares = [], []
@@ -321,13 +326,13 @@ def recorded(domain: int, seconds: float) -> list[str]:
         client.connect()
         for is_recorded in (False, True):
             if is_recorded:
-                hear_everything(client)
+                subscribe_to_everything(client)
             client.listen()
             client.answers.clear()
-            began, worked = time.monotonic(), processor_time(process.pid)
-            asked = ask_steadily(client, RECORDED_RATE, seconds)
-            shares.append((processor_time(process.pid) - worked) / (time.monotonic() - began))
-            counts.append(f'{len(client.answers)} of {asked}')
+            start, cpu_before = time.monotonic(), processor_time(process.pid)
+            published = publish_steadily(client, RECORDED_RATE, seconds)
+            shares.append((processor_time(process.pid) - cpu_before) / (time.monotonic() - start))
+            counts.append(f'{len(client.answers)} of {published}')
     finally:
         client.close()
         process.send_signal(signal.SIGINT)
@@ -335,44 +340,46 @@ def recorded(domain: int, seconds: float) -> list[str]:
     return [
         f'everything recorded at {RECORDED_RATE:.0f} Hz',
         f'{counts[1]} answered ({counts[0]} '
-        f'where only backbone/poses is heard), for {shares[1] / max(shares[0], 1e-3):.1f} times '
-        f'the processor time, {shares[1]:.0%} of a core',
+        f'with a subscriber of backbone/poses only), with {shares[1] / max(shares[0], 1e-3):.1f} '
+        f'times the processor time, {shares[1]:.0%} of a core',
     ]
 
 
-def ask_steadily(client: Client, rate: float, seconds: float) -> int:
-    """Ask at ``rate`` [Hz], never two at once to catch up; returns how often."""
+def publish_steadily(client: Client, rate: float, seconds: float) -> int:
+    """Publish tensions at ``rate`` [Hz], without catching up; return their number."""
     now = due = time.monotonic()
     stop = now + seconds
-    asked = 0
+    published = 0
     while now < stop:
         if now >= due:
-            client.good(TENSIONS)
-            asked += 1
+            client.publish_valid(TENSIONS)
+            published += 1
             due = max(due + 1.0 / rate, now)
         client.executor.spin_once(timeout_sec=max(due - time.monotonic(), 0.0))
         now = time.monotonic()
     with contextlib.suppress(RuntimeError):
-        client.wait(lambda: len(client.answers) >= asked, 'every answer', deadline=3.0)
-    return asked
+        client.wait(lambda: len(client.answers) >= published, 'every answer', deadline=3.0)
+    return published
 
 
-def hear_everything(client: Client) -> None:
-    """Subscribe to all that the node publishes."""
-    heard = []
+def subscribe_to_everything(client: Client) -> None:
+    """Subscribe to all topics of the node."""
+    subscriptions = []
     for topic, (kind, *_) in client.node.get_publisher_names_and_types_by_node('octo_arm', '/'):
         package, name = kind.split('/msg/')
         message = getattr(importlib.import_module(f'{package}.msg'), name)
-        heard.append(
+        subscriptions.append(
             client.node.create_subscription(
                 message, topic, lambda data: None, QoSProfile(depth=100), raw=True
             )
         )
-    client.wait(lambda: all(it.get_publisher_count() for it in heard), 'all topics of the node')
+    client.wait(
+        lambda: all(it.get_publisher_count() for it in subscriptions), 'all topics of the node'
+    )
 
 
-def restless(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
-    """Parameters changed under load: no wrong shape."""
+def change_parameters(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
+    """Change parameters under load: each shape belongs to one set of parameters."""
     variants = [
         {'stations': 101, 'material.youngs_modulus': 1.1e5},
         {'stations': 61, 'material.youngs_modulus': 2.2e5},
@@ -392,7 +399,7 @@ def restless(client: Client, process: subprocess.Popen[bytes], count: int) -> li
         backbone = config.solver(compiled=None).solve(TENSIONS)
         allowed.add(Client.writer_of(config).poses(backbone, 0, 0)[STAMP.stop :])
     client.answers.clear()
-    seen = set()
+    shapes_seen = set()
     for number in range(count):
         values = variants[(number + 1) % len(variants)]
         parameters = [
@@ -402,7 +409,7 @@ def restless(client: Client, process: subprocess.Popen[bytes], count: int) -> li
             SetParametersAtomically.Request(parameters=parameters)
         )
         while not future.done():
-            client.paced(TENSIONS)
+            client.publish_paced(TENSIONS)
             client.executor.spin_once(timeout_sec=0.002)
         if not future.result().result.successful:
             raise RuntimeError(future.result().result.reason)
@@ -410,27 +417,32 @@ def restless(client: Client, process: subprocess.Popen[bytes], count: int) -> li
         shapes = {data[STAMP.stop :] for data in client.answers.values()}
         if not shapes <= allowed:
             raise RuntimeError('a shape that belongs to no set of parameters')
-        seen |= shapes
+        shapes_seen |= shapes
         client.answers.clear()
-    first = [Parameter(n, value=v).to_parameter_msg() for n, v in variants[0].items()]
-    done = client.parameters.call_async(SetParametersAtomically.Request(parameters=first))
-    client.wait(done.done, 'the first parameters again')
-    return [f'{count} changes of parameters', f'no wrong shape; {len(seen)} of 3 right ones seen']
+    first_variant = [Parameter(n, value=v).to_parameter_msg() for n, v in variants[0].items()]
+    future = client.parameters.call_async(
+        SetParametersAtomically.Request(parameters=first_variant)
+    )
+    client.wait(future.done, 'a return to the first parameters')
+    return [
+        f'{count} changes of parameters',
+        f'no wrong shape; {len(shapes_seen)} of 3 right ones seen',
+    ]
 
 
-def restart(client: Client, domain: int, process: subprocess.Popen[bytes]) -> list[Any]:
-    """Node killed and started again under a running client."""
+def kill_and_restart(client: Client, domain: int, process: subprocess.Popen[bytes]) -> list[Any]:
+    """Kill the node and start it again while the client runs."""
     process.kill()
     process.wait()
     client.answers.clear()
-    began = time.monotonic()
+    start = time.monotonic()
     process = start_node(domain)
     client.ask_until_answered()
-    return [process, 'killed and started again', f'answers {time.monotonic() - began:.2f} s later']
+    return [process, 'killed and started again', f'answers after {time.monotonic() - start:.2f} s']
 
 
-def octopus(domain: int, seconds: float) -> list[str]:
-    """Eight arms at once."""
+def run_eight_arms(domain: int, seconds: float) -> list[str]:
+    """Run the nodes of eight arms at the same time."""
     names = [f'/arm_{number}' for number in range(1, 9)]
     nodes = [start_node(domain, '-r', f'__ns:={name}') for name in names]
     clients = [Client(domain, namespace=name) for name in names]
@@ -439,10 +451,10 @@ def octopus(domain: int, seconds: float) -> list[str]:
             client.ask_until_answered()
         for client in clients:
             client.answers.clear()
-        # As many as each arm is asked for, as long as all of them keep up.
+        # The rate rises until one of the arms answers less than it is asked.
         sustained = 0.0
         for rate in ARM_RATES:
-            slowest = min(asked_at(rate, clients, seconds))
+            slowest = min(answer_rates(rate, clients, seconds))
             sustained = max(sustained, slowest)
             if slowest < 0.95 * rate:
                 break
@@ -451,22 +463,22 @@ def octopus(domain: int, seconds: float) -> list[str]:
             client.close()
         for node in nodes:
             node.send_signal(signal.SIGTERM)
-        # With 1 ends what Fast DDS does not let go of, see `octo_arm_model.ros.node.main.run`.
+        # The status is 1 if Fast DDS does not shut down, see `octo_arm_model.ros.node.main.run`.
         codes = [end(node, {0, 1}) for node in nodes]
     return ['eight arms at once', f'{sustained:.0f} shapes/s each, {sum(codes)} ended by force']
 
 
-def asked_at(rate: float, clients: list[Client], seconds: float) -> list[float]:
-    """Answers in a second to every one of ``clients`` that ask at ``rate`` [Hz]."""
+def answer_rates(rate: float, clients: list[Client], seconds: float) -> list[float]:
+    """Return the rates of answers if each of ``clients`` publishes at ``rate`` [Hz]."""
     for client in clients:
         client.listen()
         client.answers.clear()
-    began = time.monotonic()
+    start = time.monotonic()
     sent = 0
-    while (now := time.monotonic() - began) < seconds:
-        while sent < now * rate:
+    while (elapsed := time.monotonic() - start) < seconds:
+        while sent < elapsed * rate:
             for client in clients:
-                client.good(TENSIONS)
+                client.publish_valid(TENSIONS)
             sent += 1
         for client in clients:
             client.listen()
@@ -477,17 +489,21 @@ def asked_at(rate: float, clients: list[Client], seconds: float) -> list[float]:
 
 
 def run(part: float) -> list[list[str]]:
-    """All parts for ``part`` of the full length; returns rows of (what, outcome)."""
+    """Run all tests for ``part`` of their full length; return rows of (test, outcome)."""
     rows = []
     domain = new_domain()
     process = start_node(domain)
     client = Client(domain)
     try:
         client.connect()
-        for abuse, full in ((hostile, 100_000), (restless, 1000), (valid, 1_000_000)):
-            rows.append(abuse(client, process, max(int(full * part), 5)))
+        for test, full_count in (
+            (send_invalid, 100_000),
+            (change_parameters, 1000),
+            (send_valid, 1_000_000),
+        ):
+            rows.append(test(client, process, max(int(full_count * part), 5)))
             print(*rows[-1], sep=': ', flush=True)
-        process, *row = restart(client, domain, process)
+        process, *row = kill_and_restart(client, domain, process)
         rows.append(row)
         print(*row, sep=': ', flush=True)
     finally:
@@ -495,8 +511,8 @@ def run(part: float) -> list[list[str]]:
         process.send_signal(signal.SIGINT)
         end(process, {0})
     for row in (
-        recorded(new_domain(), max(60.0 * part, 2.0)),
-        octopus(new_domain(), max(10.0 * part, 1.0)),
+        record_everything(new_domain(), max(60.0 * part, 2.0)),
+        run_eight_arms(new_domain(), max(10.0 * part, 1.0)),
         soak_motion.soak(max(600.0 * part, 5.0)),
     ):
         rows.append(row)
@@ -505,9 +521,9 @@ def run(part: float) -> list[list[str]]:
 
 
 def main() -> None:
-    """Run it and print the table."""
+    """Run all tests and print their outcomes."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n', maxsplit=1)[0])
-    parser.add_argument('--part', type=float, default=1.0, help='of the full length')
+    parser.add_argument('--part', type=float, default=1.0, help='fraction of the full length')
     options = parser.parse_args()
     run(options.part)
 

@@ -1,11 +1,11 @@
-"""`make run` in random hands: an arm that moves is pulled, pushed, paused, stepped and begun anew.
+"""Command the moving arm of `make run` at random: tensions, lengths, pushes, pauses and resets.
 
-    python benchmarks/soak_motion.py [--seconds 600] [--seed 1]     `make soak` does it too
+    python benchmarks/soak_motion.py [--seconds 600] [--seed 1]     part of `make soak`
 
-Every half a second or so tensions of some tendons jump, up to what the arm bears, or winches reel
-some in or out, until these are commanded by tension again. No step may fail, no shape may be
-missing for two seconds but in a pause, and the memory of every process stays what it was after a
-fifth of the time. The programs are processes of their own over DDS, the viewer among them.
+About twice a second some tensions jump, up to the highest of the arm, or winches reel some tendons
+in or out until these get a tension again. No time step may fail, no two seconds outside of pauses
+may be without a shape, and after a fifth of the time the memory of no process may rise. The
+programs, with the viewer, are processes of their own that communicate over DDS.
 """
 
 from __future__ import annotations
@@ -36,22 +36,24 @@ from octo_arm_model.arm.stiffness import bending_force, default_highest
 
 NAME = 'renda2012_table4'
 CONFIG = load_config(NAME)
-MOST_TENSION = np.minimum(default_highest(CONFIG.arm).ravel(), 8.0)  # [N], without a crush of four
+MOST_TENSION = np.minimum(
+    default_highest(CONFIG.arm).ravel(), 8.0
+)  # [N], so that four tendons do not crush the arm
 MOST_LENGTH = 0.15 * CONFIG.solver().rest_lengths.ravel()  # [m], reeled in
 MOST_FORCE = 10.0 * bending_force(CONFIG.arm, 0.3)  # [N] at the tip
-SHORT = 100.0  # [s] of a run in which memory is not judged
-SILENCE = 2.0  # [s] that no shape may be missing for
-LARGEST_RISE = 5.0  # [MB] of memory of a process after a fifth of the time
+SHORT = 100.0  # [s]; the memory in shorter runs is not checked
+LONGEST_GAP = 2.0  # [s] between two shapes
+LARGEST_RISE = 5.0  # [MB] of a process after a fifth of the time
 
 
 class _Service(Protocol):
-    """A kind of service, as std_srvs has them."""
+    """A type of service of std_srvs."""
 
     Request: Any
 
 
-class Hand(Participant):
-    """Commands the arm, and hears what becomes of it."""
+class Commander(Participant):
+    """Commands the arm and receives its shapes and diagnostics."""
 
     def __init__(self, domain: int) -> None:
         """Connect to the arm in ``domain``."""
@@ -62,12 +64,12 @@ class Hand(Participant):
             PoseArray, 'backbone/poses', self._on_shape, QoSProfile(depth=10), raw=True
         )
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_health, 10)
-        self.shapes, self.heard, self.longest = 0, time.monotonic(), 0.0
+        self.shapes, self.last_shape, self.longest_gap = 0, time.monotonic(), 0.0
         self.health: dict[str, str] = {}
 
     def _on_shape(self, _: bytes) -> None:
         now = time.monotonic()
-        self.longest, self.heard = max(self.longest, now - self.heard), now
+        self.longest_gap, self.last_shape = max(self.longest_gap, now - self.last_shape), now
         self.shapes += 1
 
     def _on_health(self, message: DiagnosticArray) -> None:
@@ -76,13 +78,17 @@ class Hand(Participant):
                 self.health = {'says': status.message} | {v.key: v.value for v in status.values}
 
     def listen(self, seconds: float) -> None:
-        """Receive for so long."""
-        until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0.0:
-            self.executor.spin_once(timeout_sec=left)
+        """Receive messages for so many ``seconds``."""
+        end = time.monotonic() + seconds
+        while (remaining := end - time.monotonic()) > 0.0:
+            self.executor.spin_once(timeout_sec=remaining)
 
     def ask(self, kind: _Service, name: str, request: Any = None) -> None:
-        """Call a service, which has to succeed."""
+        """Call a service.
+
+        Raises:
+            RuntimeError: if it does not succeed.
+        """
         client = self.node.create_client(kind, name)
         self.wait(client.service_is_ready, name)
         answer = client.call_async(kind.Request() if request is None else request)
@@ -92,52 +98,58 @@ class Hand(Participant):
         self.node.destroy_client(client)
 
     def move(self, tendons: NDArray[np.bool_], **values: FloatArray) -> None:
-        """Command the effort [N], or position [m], of some ``tendons`` alone, (tendons,) each."""
-        names = [name for name, one in zip(CONFIG.arm.tendon_names, tendons) if one]
+        """Command effort [N] or position [m] (tendons,) where the mask ``tendons`` is true."""
+        names = [name for name, chosen in zip(CONFIG.arm.tendon_names, tendons) if chosen]
         if not names:
             return
-        some = {interface: value[tendons].tolist() for interface, value in values.items()}
-        self._joints.publish(JointState(name=names, **some))
+        selected = {interface: value[tendons].tolist() for interface, value in values.items()}
+        self._joints.publish(JointState(name=names, **selected))
 
     def push(self, force: FloatArray) -> None:
-        """Push the tip with a ``force`` (3,) [N], for half a second."""
+        """Apply a ``force`` (3,) [N] to the tip for half a second."""
         message = Vector3Stamped()
         message.vector.x, message.vector.y, message.vector.z = force.tolist()
         self._push.publish(message)
 
-    def rest(self, steps: int) -> None:
-        """Pause, go on by some ``steps``, and go on."""
+    def pause(self, steps: int) -> None:
+        """Pause, advance by ``steps`` time steps, and continue."""
         self.ask(SetBool, 'pause', SetBool.Request(data=True))
         for _ in range(steps):
             self.ask(Trigger, 'step')
         self.ask(SetBool, 'pause', SetBool.Request(data=False))
-        self.heard = time.monotonic()
+        self.last_shape = time.monotonic()
 
 
 @contextmanager
 def running(domain: int) -> Iterator[subprocess.Popen[bytes]]:
-    """What `make run` starts, in ``domain``."""
+    """Run the programs of `make run` in ``domain``.
+
+    Raises:
+        RuntimeError: if they end with an error.
+    """
     command = [sys.executable, '-m', 'octo_arm_model.apps.demo', NAME, '--moving']
-    with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(command, env=environment_in(domain), stdout=said, stderr=said)
+    with tempfile.TemporaryFile() as output:
+        process = subprocess.Popen(
+            command, env=environment_in(domain), stdout=output, stderr=output
+        )
         try:
             yield process
         finally:
             process.send_signal(signal.SIGINT)
             status = process.wait(DEADLINE)
-            said.seek(0)
-            text = said.read().decode(errors='replace')
+            output.seek(0)
+            text = output.read().decode(errors='replace')
             if status or 'Traceback' in text:
-                raise RuntimeError(f'exit status {status} of a program that said {text[-3000:]}')
+                raise RuntimeError(f'exit status {status}, output ends with {text[-3000:]}')
 
 
 def memories(process: int) -> dict[str, float]:
-    """Memory of a ``process`` and its children [MB], by what they run."""
-    found = {}
-    for one in (process, *_children(process)):
-        command = Path(f'/proc/{one}/cmdline').read_bytes().split(b'\0')
-        found[command[2].decode().removeprefix('octo_arm_model.')] = megabytes(one)
-    return found
+    """Return the memory of a ``process`` and its children [MB], by the module that they run."""
+    megabytes_of = {}
+    for each in (process, *_children(process)):
+        command = Path(f'/proc/{each}/cmdline').read_bytes().split(b'\0')
+        megabytes_of[command[2].decode().removeprefix('octo_arm_model.')] = megabytes(each)
+    return megabytes_of
 
 
 def _children(process: int) -> list[int]:
@@ -145,21 +157,21 @@ def _children(process: int) -> list[int]:
 
 
 def soak(seconds: float, seed: int = 1) -> list[str]:
-    """Command the arm at random for so many ``seconds``; what was done and how it went.
+    """Command the arm at random for so many ``seconds``; return commands and outcome as text.
 
     Raises:
-        RuntimeError: if a step failed, the arm was silent, or memory grew.
+        RuntimeError: if a step failed, shapes were missing, or memory rose.
     """
     random, domain = np.random.default_rng(seed), new_domain()
     counts = dict.fromkeys(('jumps', 'lengths', 'pushes', 'pauses', 'resets'), 0)
     with running(domain) as process:
-        hand = Hand(domain)
+        hand = Commander(domain)
         try:
             hand.wait(lambda: hand.shapes and hand.health, 'a shape')
-            hand.longest, count = 0.0, MOST_TENSION.size
-            began, before = time.monotonic(), None
-            while (now := time.monotonic() - began) < seconds:
-                if before is None and now > 0.2 * seconds:
+            hand.longest_gap, count = 0.0, MOST_TENSION.size
+            start, before = time.monotonic(), None
+            while (elapsed := time.monotonic() - start) < seconds:
+                if before is None and elapsed > 0.2 * seconds:
                     before = memories(process.pid)
                 pulled = random.random(count) < random.random()
                 level = random.random(count) ** 3
@@ -173,20 +185,20 @@ def soak(seconds: float, seed: int = 1) -> list[str]:
                     hand.push(MOST_FORCE * random.random() * random.uniform(-1.0, 1.0, 3))
                     counts['pushes'] += 1
                 if random.random() < 0.02:
-                    hand.rest(int(random.integers(5)))
+                    hand.pause(int(random.integers(5)))
                     counts['pauses'] += 1
                 if random.random() < 0.02:
                     hand.ask(Trigger, 'reset')
                     counts['resets'] += 1
                 hand.listen(random.exponential(0.4))
             assert before is not None
-            return _judged(hand, counts, before, memories(process.pid), seconds)
+            return _outcome(hand, counts, before, memories(process.pid), seconds)
         finally:
             hand.close()
 
 
-def _judged(
-    hand: Hand,
+def _outcome(
+    hand: Commander,
     counts: dict[str, int],
     before: dict[str, float],
     after: dict[str, float],
@@ -194,26 +206,26 @@ def _judged(
 ) -> list[str]:
     hand.health.clear()
     hand.wait(lambda: hand.health, 'diagnostics')
-    grown = {name: after.get(name, np.nan) - size for name, size in before.items()}
+    rises = {name: after.get(name, np.nan) - size for name, size in before.items()}
     outcome = (
         f'{hand.health["failed steps"]} failed steps, {hand.shapes / seconds:.1f} shapes/s, none '
-        f'for at most {hand.longest:.2f} s, memory '
-        + ', '.join(f'{name} {before[name]:.0f} {rise:+.1f} MB' for name, rise in grown.items())
+        f'for at most {hand.longest_gap:.2f} s, memory '
+        + ', '.join(f'{name} {before[name]:.0f} {rise:+.1f} MB' for name, rise in rises.items())
     )
     failed = hand.health['failed steps'] != '0' or hand.health['refused'] != '0'
-    # A program that has just begun still loads what it needs.
-    grows = seconds > SHORT and not max(grown.values()) < LARGEST_RISE
-    if failed or grows or hand.longest > SILENCE:
+    # The memory of a new program rises while it loads modules.
+    has_grown = seconds > SHORT and not max(rises.values()) < LARGEST_RISE
+    if failed or has_grown or hand.longest_gap > LONGEST_GAP:
         raise RuntimeError(f'{outcome}; {hand.health}')
-    done = ', '.join(f'{number} {what}' for what, number in counts.items())
-    return [f'an arm that moves, {done}', outcome]
+    commands = ', '.join(f'{number} {what}' for what, number in counts.items())
+    return [f'moving arm, {commands}', outcome]
 
 
 def main() -> None:
-    """Run it and print how it went."""
+    """Run the test and print its outcome."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n', maxsplit=1)[0])
-    parser.add_argument('--seconds', type=float, default=600.0, help='how long')
-    parser.add_argument('--seed', type=int, default=1, help='of the commands')
+    parser.add_argument('--seconds', type=float, default=600.0, help='duration [s]')
+    parser.add_argument('--seed', type=int, default=1, help='seed of the random commands')
     options = parser.parse_args()
     print(*soak(options.seconds, options.seed), sep=': ')
 

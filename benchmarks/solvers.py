@@ -1,9 +1,9 @@
-"""Time and error against general-purpose ways to solve the same models.
+"""Compare time and error of the solver with those of general-purpose integrators.
 
-The paper's way: equations (10) to (12) with `solve_ivp`, RK23 at its default tolerances, then
-the kinematics (1) likewise, read out at 101 stations. Everything is timed in this one run and
-reported as ratios; the errors are against the same equations at tight tolerances. Loads: see
-`loaded_bvp`.
+The paper's method integrates equations (10) to (12) with `solve_ivp`, RK23 and default tolerances,
+then the kinematics (1) in the same way at 101 stations. All times are measured in one run and
+printed as ratios. The reference for errors is the same equations with tight tolerances. For loads
+the comparison is with `loaded_bvp`.
 
     python benchmarks/solvers.py [--brief]
 """
@@ -45,11 +45,11 @@ BATCH = 100 if IS_BRIEF else 10_000
 MOST_REPEATS = 2 if IS_BRIEF else 1000
 
 
-class PaperWay:
-    """Equations (10) to (12) and (1) of the paper, written as they are printed and marched."""
+class PaperMethod:
+    """Equations (10) to (12) and (1) of the paper as printed, integrated along the arm."""
 
     def __init__(self, arm: Arm, **integrator: Any) -> None:
-        """Solve ``arm`` with `solve_ivp` options ``integrator``."""
+        """Prepare an ``arm`` and the options ``integrator`` of `solve_ivp`."""
         self._options = integrator
         parts = [part for part in arm.sections if isinstance(part, Section)]
         self._l = [part.anchorage for part in parts]
@@ -65,7 +65,7 @@ class PaperWay:
         self._taper = (body.radius_tip - body.radius_base) / body.length
 
     def tip(self, tensions: Any) -> np.ndarray:
-        """Tip position [m], base at the origin with t, n, b along x, y, z."""
+        """Return the tip [m] of an arm whose base is at the origin, with t, n, b along x, y, z."""
         tensions = np.asarray(tensions, dtype=float)
         state = np.concatenate([np.zeros(3), np.eye(3).ravel()])
         for i, strains in reversed(list(enumerate(self._strains(tensions)))):
@@ -82,16 +82,16 @@ class PaperWay:
         for i, stop in enumerate(self._l):
             t1, t2, t3, t4 = tensions[: i + 1].T
             a, slope, b = self._a[: i + 1], self._slope[: i + 1], self._b[i]
-            second = 0.25 * np.pi * self._radius(stop) ** 4
+            second_moment = 0.25 * np.pi * self._radius(stop) ** 4
             omega = omega + np.array(
                 [
                     0.0,
-                    b * (t4[i] - t2[i]) / (b * b * (t4[i] + t2[i]) + young * second),
-                    b * (t1[i] - t3[i]) / (b * b * (t1[i] + t3[i]) + young * second),
+                    b * (t4[i] - t2[i]) / (b * b * (t4[i] + t2[i]) + young * second_moment),
+                    b * (t1[i] - t3[i]) / (b * b * (t1[i] + t3[i]) + young * second_moment),
                 ]
             )
 
-            def slope_of(s_tilde: float, omega: np.ndarray) -> np.ndarray:
+            def strain_rates(s_tilde: float, omega: np.ndarray) -> np.ndarray:
                 tau, xi, k = omega
                 radius = self._radius(-s_tilde)
                 j = 0.25 * np.pi * radius**4
@@ -112,7 +112,7 @@ class PaperWay:
                 )
 
             solution = solve_ivp(
-                slope_of, (-stop, -self._start(i)), omega, dense_output=True, **self._options
+                strain_rates, (-stop, -self._start(i)), omega, dense_output=True, **self._options
             )
             omega = solution.y[:, -1]
             solutions.append(solution.sol)
@@ -122,14 +122,14 @@ class PaperWay:
         self, tensions: np.ndarray, i: int, omega: Callable[[float], np.ndarray], state: np.ndarray
     ) -> np.ndarray:
         t1, t2, t3, t4 = tensions[: i + 1].T
-        total = tensions[: i + 1].sum()
+        total_tension = tensions[: i + 1].sum()
         a, slope = self._a[: i + 1], self._slope[: i + 1]
         young = self._young
 
-        def slope_of(s: float, state: np.ndarray) -> np.ndarray:
+        def frame_rates(s: float, state: np.ndarray) -> np.ndarray:
             tau, xi, k = omega(-s)
             y = a + slope * s
-            force = k * (y @ (t1 - t3)) + xi * (y @ (t4 - t2)) - total
+            force = k * (y @ (t1 - t3)) + xi * (y @ (t4 - t2)) - total_tension
             q = force / (young * np.pi * self._radius(s) ** 2)
             t, n, b = state[3:6], state[6:9], state[9:]
             return (1 + q) * np.concatenate(
@@ -138,23 +138,23 @@ class PaperWay:
 
         stations = np.linspace(self._start(i), self._l[i], 1 + STATIONS // len(self._l))
         span = (stations[0], stations[-1])
-        return solve_ivp(slope_of, span, state, t_eval=stations, **self._options).y[:, -1]
+        return solve_ivp(frame_rates, span, state, t_eval=stations, **self._options).y[:, -1]
 
     def _radius(self, s: float) -> float:
         return self._radius_base + self._taper * s
 
 
-def seconds(work: Callable[[], object], repeats: int) -> float:
-    """Median processor time of ``work`` [s], which other programs hardly change."""
-    return float(np.median(_times(work, repeats)))
+def median_time(work: Callable[[], object], repeats: int) -> float:
+    """Return the median processor time of ``work`` [s], which other programs change little."""
+    return float(np.median(_processor_times(work, repeats)))
 
 
-def least(work: Callable[[], object], repeats: int) -> float:
-    """Least processor time of ``work`` [s]: what it takes on a machine that is not busy."""
-    return min(_times(work, repeats))
+def shortest_time(work: Callable[[], object], repeats: int) -> float:
+    """Return the shortest processor time of ``work`` [s], as on an idle machine."""
+    return min(_processor_times(work, repeats))
 
 
-def _times(work: Callable[[], object], repeats: int) -> list[float]:
+def _processor_times(work: Callable[[], object], repeats: int) -> list[float]:
     times = []
     for _ in range(min(repeats, MOST_REPEATS)):
         start = time.process_time()
@@ -164,7 +164,7 @@ def _times(work: Callable[[], object], repeats: int) -> list[float]:
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print all tables."""
     make_parser(__doc__).parse_args()
     config = load_config(preset_path('renda2012_table4'))
     arm = config.arm
@@ -174,54 +174,55 @@ def main() -> None:
             solver = Solver(arm, model, STATIONS, compiled=True)
             solver.solve(FETCHING_IN_SPACE)
             solvers[f'{model}, compiled'] = solver
-    unloaded(arm, solvers)
-    batches(arm, solvers)
-    loaded(config)
-    hanging(config, [False, True] if is_available() else [False])
-    friction()
+    compare_unloaded(arm, solvers)
+    compare_batches(arm, solvers)
+    compare_loaded(config)
+    measure_weight(config, [False, True] if is_available() else [False])
+    measure_friction()
 
 
-def unloaded(arm: Arm, solvers: dict[str, Solver]) -> None:
-    """Every model against the paper's way, and sensitivities against a solve."""
-    paper = PaperWay(arm, method='RK23')
-    tight = PaperWay(arm, method='DOP853', rtol=1e-11, atol=1e-12)
-    print(f"One solve at {STATIONS} stations, arm of Table 4; the paper's way is 1")
-    print(f'{"":12}{"way":24}{"ms":>8}{"quicker":>9}{"closed_form":>13}{"tip error / L":>15}')
+def compare_unloaded(arm: Arm, solvers: dict[str, Solver]) -> None:
+    """Compare each model with the paper's method, and sensitivities with a solve."""
+    paper = PaperMethod(arm, method='RK23')
+    tight = PaperMethod(arm, method='DOP853', rtol=1e-11, atol=1e-12)
+    print(f"One solve at {STATIONS} stations, arm of Table 4; speedup over the paper's method")
+    print(f'{"":12}{"method":24}{"ms":>8}{"speedup":>9}{"x closed_form":>15}{"tip error / L":>15}')
     for name, tensions in (('Figure 14', FETCHING_IN_PLANE), ('Figure 15', FETCHING_IN_SPACE)):
         reference = tight.tip(tensions)
-        slow = seconds(lambda: paper.tip(tensions), 15)
+        paper_time = median_time(lambda: paper.tip(tensions), 15)
         error = np.linalg.norm(paper.tip(tensions) - reference) / arm.length
-        print(f'{name:12}{"paper, RK23":24}{slow * 1e3:8.3f}{1.0:9.1f}{"":13}{error:15.1e}')
-        quick = {
-            way: seconds(lambda: solver.solve(tensions), 400) for way, solver in solvers.items()
+        print(f'{name:12}{"paper, RK23":24}{paper_time * 1e3:8.3f}{1.0:9.1f}{"":15}{error:15.1e}')
+        times = {
+            method: median_time(lambda: solver.solve(tensions), 400)
+            for method, solver in solvers.items()
         }
-        for way, solver in solvers.items():
-            # Other models, other equations: the reference is a fine grid of the same model.
+        for method, solver in solvers.items():
+            # The reference of models with other equations is a fine grid of the same model.
             fine = reference
             if solver.model != 'renda2012':
                 fine = Solver(arm, solver.model, 20 * STATIONS).solve(tensions).tip
             error = np.linalg.norm(solver.solve(tensions).tip - fine) / arm.length
             print(
-                f'{"":12}{way:24}{quick[way] * 1e3:8.3f}{slow / quick[way]:9.1f}'
-                f'{quick[way] / quick["closed_form"]:12.1f}x{error:15.1e}'
+                f'{"":12}{method:24}{times[method] * 1e3:8.3f}{paper_time / times[method]:9.1f}'
+                f'{times[method] / times["closed_form"]:15.1f}{error:15.1e}'
             )
     solver = solvers['exact']
     backbone = solver.solve(FETCHING_IN_SPACE)
-    all_of_them = seconds(lambda: solver.sensitivity(backbone), 100)
-    print(f'all sensitivities of exact: {all_of_them / quick["exact"]:.1f} solves')
+    derivatives = median_time(lambda: solver.sensitivity(backbone), 100)
+    print(f'all sensitivities of exact take the time of {derivatives / times["exact"]:.1f} solves')
 
 
-def batches(arm: Arm, solvers: dict[str, Solver]) -> None:
-    """Many arms in one call."""
+def compare_batches(arm: Arm, solvers: dict[str, Solver]) -> None:
+    """Compare many solves one by one with one call for all."""
     scale = np.array([[0.2], [1.5], [3.0]])
     sets = np.random.default_rng(2012).uniform(0.0, 1.0, (BATCH, *arm.tension_shape)) * scale
-    print(f'\n{BATCH} random tension sets at {STATIONS} stations, per arm')
-    print(f'{"way":24}{"one by one us":>15}{"in one call us":>16}{"cheaper":>9}')
-    for way, solver in solvers.items():
-        some = sets[:500]
-        single = seconds(lambda: [solver.solve(x) for x in some], 3) / len(some)
-        batch = seconds(lambda: solver.solve(sets), 3) / BATCH
-        print(f'{way:24}{single * 1e6:15.1f}{batch * 1e6:16.1f}{single / batch:9.1f}')
+    print(f'\n{BATCH} random tension sets at {STATIONS} stations, time per set')
+    print(f'{"method":24}{"one by one us":>15}{"in one call us":>16}{"speedup":>9}')
+    for method, solver in solvers.items():
+        first_sets = sets[:500]
+        single = median_time(lambda: [solver.solve(x) for x in first_sets], 3) / len(first_sets)
+        batch = median_time(lambda: solver.solve(sets), 3) / BATCH
+        print(f'{method:24}{single * 1e6:15.1f}{batch * 1e6:16.1f}{single / batch:9.1f}')
 
 
 def solver_of(
@@ -232,47 +233,49 @@ def solver_of(
     *,
     compiled: bool | None = None,
 ) -> Solver:
-    """Solver `exact` of another ``arm`` and ``loads``, else as ``config``."""
+    """Return the solver exact of ``config`` with another ``arm`` and other ``loads``."""
     changed = dataclasses.replace(config, arm=arm, loads=loads)
     return changed.solver('exact', stations, compiled=compiled)
 
 
-def loaded(config: Config) -> None:
-    """The exact model with gravity in water and a tip force, against `solve_bvp`."""
+def compare_loaded(config: Config) -> None:
+    """Compare the model exact, with gravity in water and a tip force, with `solve_bvp`."""
     arm = config.arm.with_density(1080.0)
     loads = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0, tip_force=(0.0, 1e-3, 1e-3))
     solver = solver_of(config, arm, loads, compiled=False)
     tensions = np.array(FETCHING_IN_SPACE)
     fine = solver_of(config, arm, loads, 20 * STATIONS).solve(tensions).tip
-    ours = solver.solve(tensions)
-    cold = seconds(lambda: solver.solve(tensions), 50)
-    moving = iter(np.sin(np.arange(1000.0)))
-    warm = seconds(lambda: solver.solve(tensions * (1 + 0.01 * next(moving)), start=ours), 50)
-    reference = LoadedBvp(arm, tensions, loads, 'neo_hookean', config.base)
-    # The tolerance at which it is about as accurate as ours.
+    backbone = solver.solve(tensions)
+    cold = median_time(lambda: solver.solve(tensions), 50)
+    variation = iter(np.sin(np.arange(1000.0)))
+    warm = median_time(
+        lambda: solver.solve(tensions * (1 + 0.01 * next(variation)), start=backbone), 50
+    )
+    bvp = LoadedBvp(arm, tensions, loads, 'neo_hookean', config.base)
+    # With this tolerance the errors of both are about equal.
     with np.errstate(all='ignore'):
-        slow = seconds(lambda: reference.tip(tol=1e-4), 3)
-        slow_error = np.linalg.norm(reference.tip(tol=1e-4) - fine) / arm.length
+        bvp_time = median_time(lambda: bvp.tip(tol=1e-4), 3)
+        bvp_error = np.linalg.norm(bvp.tip(tol=1e-4) - fine) / arm.length
     error = tip_error(solver, tensions)
-    again = seconds(lambda: solver.sensitivity(ours), 50)
+    derivatives = median_time(lambda: solver.sensitivity(backbone), 50)
     print('\nFigure 15 in water with a force of 1.4 mN on the tip, model exact')
-    print(f'{"way":24}{"ms":>10}{"quicker":>9}{"tip error / L":>15}')
-    print(f'{"solve_bvp":24}{slow * 1e3:10.2f}{1.0:9.1f}{slow_error:15.1e}')
-    print(f'{"from the unloaded shape":24}{cold * 1e3:10.2f}{slow / cold:9.1f}{error:15.1e}')
-    print(f'{"from the last shape":24}{warm * 1e3:10.2f}{slow / warm:9.1f}')
-    print(f'all sensitivities: {again / cold:.1f} solves')
+    print(f'{"method":24}{"ms":>10}{"speedup":>9}{"tip error / L":>15}')
+    print(f'{"solve_bvp":24}{bvp_time * 1e3:10.2f}{1.0:9.1f}{bvp_error:15.1e}')
+    print(f'{"cold start":24}{cold * 1e3:10.2f}{bvp_time / cold:9.1f}{error:15.1e}')
+    print(f'{"warm start":24}{warm * 1e3:10.2f}{bvp_time / warm:9.1f}')
+    print(f'all sensitivities take the time of {derivatives / cold:.1f} solves')
 
 
-def hanging(config: Config, ways: list[bool]) -> None:
-    """The arm under its weight, as ratios to the compiled closed_form."""
+def measure_weight(config: Config, forms: list[bool]) -> None:
+    """Measure the arm under its weight, as ratios to one solve of closed_form."""
     arm, tensions = config.arm.with_density(1080.0), np.array(FETCHING_IN_SPACE)
-    closed_form = Solver(arm, 'closed_form', STATIONS, compiled=ways[-1])
-    unit = least(lambda: closed_form.solve(tensions), 1000)
-    name = 'compiled closed_form' if ways[-1] else 'closed_form'
-    print(f'\nFigure 15 and the weight of the arm, in times of one {name}, {unit * 1e6:.1f} us')
+    closed_form = Solver(arm, 'closed_form', STATIONS, compiled=forms[-1])
+    unit = shortest_time(lambda: closed_form.solve(tensions), 1000)
+    name = 'compiled closed_form' if forms[-1] else 'closed_form'
+    print(f'\nFigure 15 with the weight of the arm; unit: a solve of {name}, {unit * 1e6:.1f} us')
     names = (
-        'one',
-        'warm, 1 %',
+        'one solve',
+        'warm start',
         'sensitivities',
         'covariance',
         'batch, warm',
@@ -280,58 +283,58 @@ def hanging(config: Config, ways: list[bool]) -> None:
         'tip error / L',
     )
     print(f'{"exact":24}' + ''.join(f'{name:>15}' for name in names))
-    for is_compiled in ways:
+    for is_compiled in forms:
         for medium, loads in (
             ('without', Loads()),
             ('in water', Loads(gravity=GRAVITY, fluid_density=1000.0)),
             ('in air', Loads(gravity=GRAVITY)),
         ):
             solver = solver_of(config, arm, loads, compiled=is_compiled)
-            way = f'{medium}{", compiled" if is_compiled else ""}'
+            label = f'{medium}{", compiled" if is_compiled else ""}'
             times = [value / unit for value in times_of(solver, tensions)]
             columns = ''.join(f'{value:15.1f}' for value in times)
-            print(f'{way:24}{columns}{tip_error(solver, tensions):15.1e}')
-    along(config, ways[-1])
-    eight_arms(config, ways[-1])
+            print(f'{label:24}{columns}{tip_error(solver, tensions):15.1e}')
+    measure_stations_and_sections(config, forms[-1])
+    measure_eight_arms(config, forms[-1])
 
 
 def times_of(solver: Solver, tensions: np.ndarray) -> list[float]:
-    """Seconds of a solve, from the last shape, derivatives, covariance, and a batch per arm."""
-    cold = least(lambda: solver.solve(tensions), 100)
+    """Return the times of the columns that `measure_weight` prints [s]."""
+    cold = shortest_time(lambda: solver.solve(tensions), 100)
     last = solver.solve(tensions)
-    # All of a size: the least time would be that of the smallest change.
-    parts = 1.0 + 0.01 * np.resize([1.0, -1.0], 1000)
-    moving = itertools.cycle(parts)
-    batch = tensions * parts[: 3 if IS_BRIEF else 1000, np.newaxis, np.newaxis]
+    # Changes of equal size, because otherwise the shortest time would belong to the smallest one.
+    pair = 1.0 + 0.01 * np.resize([1.0, -1.0], 1000)
+    factors = itertools.cycle(pair)
+    batch = tensions * pair[: 3 if IS_BRIEF else 1000, np.newaxis, np.newaxis]
 
     def derivatives(work: Callable[[Backbone], object]) -> float:
-        """Of the shapes of warm solves, each asked for once."""
+        """Return the shortest time of ``work`` with new shapes, which have nothing cached [s]."""
         times = []
         for _ in range(min(100, MOST_REPEATS)):
-            shape = solver.solve(next(moving) * tensions, start=last)
-            times += _times(functools.partial(work, shape), 1)
+            shape = solver.solve(next(factors) * tensions, start=last)
+            times += _processor_times(functools.partial(work, shape), 1)
         return min(times)
 
     return [
         cold,
-        least(lambda: solver.solve(next(moving) * tensions, start=last), 400),
+        shortest_time(lambda: solver.solve(next(factors) * tensions, start=last), 400),
         derivatives(solver.sensitivity),
         derivatives(lambda shape: solver.tip_covariance(shape, UNCERTAIN)),
-        least(lambda: solver.solve(batch, start=last), 3) / len(batch),
-        least(lambda: solver.solve(batch[:100]), 3) / len(batch[:100]),
+        shortest_time(lambda: solver.solve(batch, start=last), 3) / len(batch),
+        shortest_time(lambda: solver.solve(batch[:100]), 3) / len(batch[:100]),
     ]
 
 
 def tip_error(solver: Solver, tensions: np.ndarray) -> float:
-    """Error of the tip, over the length, against a solver of an accuracy of 1e-12."""
+    """Return the error of the tip over the length; the reference has an accuracy of 1e-12."""
     finer = Solver(solver.arm, 'exact', base=solver.base, loads=solver.loads, accuracy=1e-12)
     fine = finer.solve(tensions).tip
     return float(np.linalg.norm(solver.solve(tensions).tip - fine) / solver.arm.length)
 
 
-def along(config: Config, is_compiled: bool) -> None:
-    """What stations and sections cost a loaded arm, each step from the last shape."""
-    print('\nIn air, from the last shape: us by stations, and by sections at 101 stations')
+def measure_stations_and_sections(config: Config, is_compiled: bool) -> None:
+    """Measure warm starts of a loaded arm by the numbers of stations and sections."""
+    print('\nWarm starts in air, time in us')
     arm, tensions = config.arm.with_density(1080.0), np.array(FETCHING_IN_SPACE)
     cases = [(arm, tensions, stations) for stations in (101, 401, 1601)]
     for count in (1, 2, 3, 6):
@@ -343,46 +346,49 @@ def along(config: Config, is_compiled: bool) -> None:
         loads = Loads(gravity=GRAVITY)
         solver = solver_of(config, case, loads, stations, compiled=is_compiled)
         last = solver.solve(pulls)
-        moving = itertools.cycle((0.99, 1.01))
-        took = least(lambda: solver.solve(next(moving) * pulls, start=last), 200)
-        print(f'{stations:6} stations {len(case.sections):3} sections {took * 1e6:10.1f}')
+        factors = itertools.cycle((0.99, 1.01))
+        duration = shortest_time(lambda: solver.solve(next(factors) * pulls, start=last), 200)
+        print(f'{stations:6} stations {len(case.sections):3} sections {duration * 1e6:10.1f}')
 
 
-def eight_arms(config: Config, is_compiled: bool) -> None:
-    """Eight arms in air, each from its own last shape, with tensions as in fetching."""
+def measure_eight_arms(config: Config, is_compiled: bool) -> None:
+    """Measure eight arms in air that fetch, with warm starts."""
     arm, tensions = config.arm.with_density(1080.0), np.array(FETCHING_IN_SPACE)
     loads = Loads(gravity=GRAVITY)
     solver = solver_of(config, arm, loads, compiled=is_compiled)
     steps = 3 if IS_BRIEF else 1000
-    lasts = [solver.solve(0.0 * tensions)] * 8
+    backbones = [solver.solve(0.0 * tensions)] * 8
     rounds = []
     for step in range(1, steps + 1):
-        part = 0.5 - 0.5 * np.cos(np.pi * step / 1000.0)
+        fraction = 0.5 - 0.5 * np.cos(np.pi * step / 1000.0)
         start = time.process_time()
-        lasts = [solver.follow(part * tensions, last) for last in lasts]
+        backbones = [solver.follow(fraction * tensions, backbone) for backbone in backbones]
         rounds.append(time.process_time() - start)
-    mean, quick = 1.0 / np.mean(rounds), 1.0 / np.median(rounds)
+    mean, median = 1.0 / np.mean(rounds), 1.0 / np.median(rounds)
     print(
-        f'\nEight arms in air that fetch in a second, 1000 steps: {mean:.0f} Hz on one core, '
-        f'{quick:.0f} Hz in the median step'
+        f'\nEight arms in air that fetch in 1000 steps: {mean:.0f} Hz on one core, '
+        f'{median:.0f} Hz by the median step'
     )
 
 
-def friction() -> None:
-    """What friction of the tendons costs, on the prototype, against the same solve without."""
+def measure_friction() -> None:
+    """Compare solves of the prototype with and without friction."""
     arm = load_config(preset_path('renda2012_prototype')).arm
     tensions = np.array([[2.0, 0.3, 0.1, 0.2]])
     wrench = np.array([0.01, 0.02, -0.01, 0.0, 0.0, 0.0])
     print('\nFriction mu = 0.2 on the prototype, NumPy')
-    print(f'{"way":24}{"without ms":>12}{"with ms":>12}{"times":>8}')
-    ways = {'closed_form': None, 'exact': None, 'exact, tip force': wrench}
-    for name, on_tip in ways.items():
-        taken = []
-        for one in (arm, dataclasses.replace(arm, friction=(0.2,))):
-            solver = Solver(one, name.partition(',')[0], compiled=False)
-            taken.append(seconds(functools.partial(solver.solve, tensions, on_tip), 100))
-        without, rough = taken
-        print(f'{name:24}{without * 1e3:12.3f}{rough * 1e3:12.3f}{rough / without:8.1f}')
+    print(f'{"method":24}{"without ms":>12}{"with ms":>12}{"ratio":>8}')
+    cases = {'closed_form': None, 'exact': None, 'exact, tip force': wrench}
+    for name, tip_wrench in cases.items():
+        times = []
+        for variant in (arm, dataclasses.replace(arm, friction=(0.2,))):
+            solver = Solver(variant, name.partition(',')[0], compiled=False)
+            times.append(median_time(functools.partial(solver.solve, tensions, tip_wrench), 100))
+        without, with_friction = times
+        print(
+            f'{name:24}{1e3 * without:12.3f}{1e3 * with_friction:12.3f}'
+            f'{with_friction / without:8.1f}'
+        )
 
 
 if __name__ == '__main__':

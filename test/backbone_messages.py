@@ -1,4 +1,4 @@
-"""Messages of a backbone as objects, independent of the bytes that the node writes."""
+"""Build the messages of a backbone as objects, independent of the node's writer of bytes."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from octo_arm_model.ros.topics import pose_message
 
 
 def messages_of(backbone: Backbone, stamp: Any, frame: str) -> tuple[Any, Any, Any]:
-    """Path, PoseArray and SectionStrains."""
+    """Return Path, PoseArray and SectionStrains of a ``backbone``."""
     header = Header(stamp=stamp, frame_id=frame)
     poses = list(map(pose_message, backbone.position, backbone.quaternion))
     path = Path(header=header, poses=[PoseStamped(header=header, pose=pose) for pose in poses])
@@ -31,6 +31,6 @@ def messages_of(backbone: Backbone, stamp: Any, frame: str) -> tuple[Any, Any, A
 
 
 def assert_hold(path: Any, poses: Any, strains: Any, backbone: Backbone) -> None:
-    """Check that Path, PoseArray and SectionStrains hold ``backbone`` unchanged."""
+    """Check that the three messages have exactly the values of ``backbone``."""
     expected = messages_of(backbone, path.header.stamp, path.header.frame_id)
     assert (path, poses, strains) == expected

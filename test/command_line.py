@@ -1,4 +1,4 @@
-"""`octo-arm` for tests: arguments, output and exit status."""
+"""Run `octo-arm` in tests and read its output and exit status."""
 
 import dataclasses
 import json
@@ -12,7 +12,7 @@ from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 
 TENSIONS = json.dumps(FETCHING_IN_SPACE)
-# Of the tensions of workspaces of table 4 [N].
+# Highest tensions of the workspaces of table 4 [N].
 HIGHEST = np.array([[0.1] * 4, [1.0] * 4, [4.0] * 4])
 SOLVE = ('solve', 'renda2012_table4', '--tensions')
 
@@ -24,32 +24,32 @@ def _words(arguments: tuple[object, ...]) -> list[str]:
 
 @dataclasses.dataclass
 class Cli:
-    """`octo-arm` for tests of its own, see the fixture `cli`.
+    """Runs commands of `octo-arm`, see the fixture `cli`.
 
-    Commands are given by their words, or as one line of a shell.
+    A command is given as words, or as one line of a shell.
     """
 
     capsys: pytest.CaptureFixture[str]
 
     def __call__(self, *arguments: object) -> tuple[int, str, str]:
-        """Exit status, output and errors of a command."""
+        """Run a command; return exit status, output and errors."""
         return main(_words(arguments)), *self.capsys.readouterr()
 
     def json(self, *arguments: object) -> Any:
-        """What a command prints as JSON which is done."""
+        """Run a command that succeeds; return the JSON that it prints."""
         status, out, err = self(*arguments)
         assert status == 0, err
         return json.loads(out)
 
     def refused(self, *arguments: object, status: int = 2) -> str:
-        """The line of a command that is refused, without what all lines begin with."""
-        left, out, err = self(*arguments)
-        assert (left, out, err.count('\n')) == (status, '', 1), err
+        """Run a command that fails; return its one line of error without the common prefix."""
+        actual, out, err = self(*arguments)
+        assert (actual, out, err.count('\n')) == (status, '', 1), err
         assert err.startswith('octo-arm: error: ')
         return err.removeprefix('octo-arm: error: ')
 
     def left(self, *arguments: object) -> tuple[object, str, str]:
-        """Exit status, output and errors of a command that argparse ends."""
+        """Run a command that argparse ends; return exit status, output and errors."""
         with pytest.raises(SystemExit) as leave:
             main(_words(arguments))
         return leave.value.code, *self.capsys.readouterr()

@@ -1,4 +1,4 @@
-"""Settings of all tests, and fixtures of the solvers; nothing of ROS."""
+"""Settings of all tests, and fixtures of solvers without ROS."""
 
 import contextlib
 import os
@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-# As the programs do; tests run beside each other. BLAS reads it when it is loaded.
+# One thread of BLAS, which reads this when it is loaded, because tests run in parallel.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import pytest
@@ -34,7 +34,7 @@ settings.register_profile(
 settings.load_profile('octo_arm_model')
 
 
-# Files of the last folders are short, so that all workers end at about the same time.
+# Folders with short files come last, so that all workers end at about the same time.
 _ORDER = (
     'viewer',
     'apps',
@@ -54,106 +54,106 @@ _ORDER = (
     'wire',
 )
 _HERE = Path(__file__).parent
-_MOST = 5.0  # of processor time for a test of `make test` [s]
+_MOST = 5.0  # bound of the processor time of a test of `make test` [s]
 _IS_LAST = pytest.StashKey[bool]()
 _before = 0.0
-_compiling = [0.0]  # of that, what numba took to compile here
+_compiling = [0.0]  # time in which numba compiled in this process [s]
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Set what programs under test inherit."""
-    # They hear signals that shells have their background jobs ignore ...
+    """Set signals and the ROS domain, which programs under test inherit."""
+    # Shells let background jobs ignore these signals; programs under test need them.
     for number in (signal.SIGINT, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_IGN:
-            how = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
-            signal.signal(number, how)
-    # ... and are in a ROS domain of this process where a test gives them no other.
+            handler = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+            signal.signal(number, handler)
+    # Tests without a domain of their own use that of this process.
     domain = contextlib.ExitStack()
     os.environ['ROS_DOMAIN_ID'] = str(domain.enter_context(ros_domains.reserved_domain()))
     config.add_cleanup(domain.close)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the folders of long files."""
+    """Run folders with long files first."""
     places = {name: place for place, name in enumerate(_ORDER)}
     items.sort(key=lambda item: places.get(item.path.relative_to(_HERE).parts[0], len(places)))
 
 
 @pytest.fixture
 def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
-    """Runs `octo-arm`."""
+    """Return a runner of `octo-arm`."""
     return Cli(capsys)
 
 
 @pytest.fixture(scope='module', autouse=True)
 def domains_of_a_file() -> Iterator[None]:
-    """Give back the ROS domains of a file when all in it has ended."""
+    """Release the ROS domains of a file after its last test."""
     yield
     ros_domains.release()
 
 
 def _processor_time() -> float:
-    """Of this process and those that it has waited for, without what numba compiled here [s]."""
+    """Processor time of this process and its ended children, without numba's compiling [s]."""
     return sum(os.times()[:4]) - _compiling[0]
 
 
 def pytest_runtest_logstart() -> None:
-    """Begin to count the processor time of a test."""
+    """Note the processor time at the start of a test."""
     global _before
     _before = _processor_time()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Any:
-    """Note the last test of a file: after it processes end that all tests of the file used."""
+    """Note the last test of a file: after it end processes that the whole file used."""
     item.stash[_IS_LAST] = nextitem is None or nextitem.path != item.path
     return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Any:
-    """Give the report of each phase of a test its processor time, which workers hand over."""
+    """Add the processor time to the report of each phase, which workers send."""
     global _before
     report = yield
-    before, _before = _before, _processor_time()
-    is_of_file = report.when == 'teardown' and item.stash.get(_IS_LAST, False)
-    report.processor_time = 0.0 if is_of_file else _before - before
+    start, _before = _before, _processor_time()
+    ends_file = report.when == 'teardown' and item.stash.get(_IS_LAST, False)
+    report.processor_time = 0.0 if ends_file else _before - start
     return report
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Name the tests of `make test` that took more processor time than they should."""
-    spent: Counter[str] = Counter()
-    for report in (one for reports in terminalreporter.stats.values() for one in reports):
+    """Print the tests of `make test` with more processor time than `_MOST`."""
+    times: Counter[str] = Counter()
+    for report in (report for reports in terminalreporter.stats.values() for report in reports):
         if 'endurance' not in getattr(report, 'keywords', ()):
-            spent[report.nodeid] += getattr(report, 'processor_time', 0.0)
-    dear = [(name, seconds) for name, seconds in spent.most_common() if seconds > _MOST]
-    if dear:
+            times[report.nodeid] += getattr(report, 'processor_time', 0.0)
+    slow = [(name, seconds) for name, seconds in times.most_common() if seconds > _MOST]
+    if slow:
         terminalreporter.section(f'more than {_MOST:.0f} s of processor time')
-        for name, seconds in dear:
+        for name, seconds in slow:
             terminalreporter.line(f'{seconds:6.1f} s  {name}')
 
 
 @pytest.fixture(params=PAPERS_PRESETS)
 def preset(request: pytest.FixtureRequest) -> Config:
-    """Every arm of the paper."""
+    """Return each arm of the paper."""
     return load_config(preset_path(request.param))
 
 
 @pytest.fixture(params=sorted(MODELS))
 def model(request: pytest.FixtureRequest) -> str:
-    """Every model."""
+    """Return each model."""
     return request.param
 
 
 @pytest.fixture(params=['closed_form', 'renda2012'])
 def papers_model(request: pytest.FixtureRequest) -> str:
-    """Both models of the paper, which share (3a), (9a) and a tangent that is not normalised."""
+    """Return both models of the paper, which share (3a), (9a) and an unnormalised tangent."""
     return request.param
 
 
 def _arm(name: str) -> Any:
-    """Fixture of the arm of the preset ``name``."""
+    """Return a fixture of the arm of the preset ``name``."""
 
     @pytest.fixture(scope='session')
     def config() -> Config:
@@ -170,30 +170,30 @@ prototype = _arm('renda2012_prototype')  # arm of the tank, one section
 
 @pytest.fixture(scope='session')
 def cloud(table4: Config) -> Workspace:
-    """Tips of the arm of the fetching simulations, in four chunks."""
+    """Return tips of the arm of the fetching simulations, in four chunks."""
     return sample_workspace(table4, HIGHEST, 4 * CHUNK, processes=1)
 
 
-# Compiled before any test checks the output, which would have the line about compiling.
+# Compiles here, so that no test that checks output gets the line about compiling.
 HAS_NUMBA = is_available()
 if HAS_NUMBA:
     from numba.core import event
 
     class _Compilation(event.Listener):
-        """Sums the processor time in which numba compiles: machine code is kept, and no test's."""
+        """Sums the processor time in which numba compiles, which belongs to no single test."""
 
         _began, _depth = 0.0, 0
 
         def on_start(self, event: Any) -> None:
-            """Begin to count, unless this is part of another compilation."""
+            """Note the start of an outermost compilation."""
             if not self._depth:
-                self._began = time.process_time()
+                self._start = time.process_time()
             self._depth += 1
 
         def on_end(self, event: Any) -> None:
-            """Add what the outermost compilation took."""
+            """Add the time of an outermost compilation."""
             self._depth -= 1
             if not self._depth:
-                _compiling[0] += time.process_time() - self._began
+                _compiling[0] += time.process_time() - self._start
 
     event.register('numba:compile', _Compilation())

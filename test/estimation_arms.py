@@ -1,4 +1,4 @@
-"""Arms for the tests of the estimator."""
+"""Arms and unknowns for the tests of the estimator."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ RUBBER = Arm(
     Material(1.1e5, 0.5, 1080.0), Body(0.2, 0.0075, 0.003), (Section(0.18, 0.006, 0.0025),)
 )
 WEIGHT = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0, tip_force=(0.0, 1e-3, 0.0))
-LIKELY = Walk.stationary(0.01, 1.0)  # a force [N]
+LIKELY = Walk.stationary(0.01, 1.0)  # prior of a force [N]
 EVERYTHING = Unknowns(
     tension=Walk(5.0, 1.0),
     tension_bias=Walk(0.1, 0.01),

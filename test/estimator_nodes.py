@@ -1,4 +1,4 @@
-"""The estimator's node, and a client that tells it what sensors of a simulated arm measure."""
+"""The estimator's node, and a client that publishes measurements of a simulated arm."""
 
 import dataclasses
 
@@ -38,7 +38,7 @@ OUTPUTS = {
 }
 GIVEN = {
     'stations': STATIONS,
-    # A busy machine takes seconds from the last measurement to the diagnosis of it.
+    # On a busy machine diagnostics come seconds after the last measurement.
     'diagnostics.silence_limit': 1e6,
     'tension_stddev': NOISE['tension'],
     'estimator.force_stddev': 0.01,
@@ -53,7 +53,7 @@ GIVEN = {
 
 
 class EstimatorClient(RosClient):
-    """Measures an arm in which it knows the tensions and what pushes it."""
+    """Publishes measurements of an arm with known tensions and tip force."""
 
     def __init__(self, domain, node='octo_arm_estimator'):
         super().__init__(domain, node)
@@ -67,7 +67,7 @@ class EstimatorClient(RosClient):
         self.tensions, self.force, self.scale = TENSIONS, np.zeros(3), 1.0
 
     def connect(self):
-        """Wait until all topics lead from here to the node and back."""
+        """Wait until all inputs reach the node and all outputs come back."""
         for topic, publisher in self.publishers.items():
             self.wait(publisher.get_subscription_count, f'a subscription to {topic}')
         for topic in OUTPUTS:
@@ -75,7 +75,7 @@ class EstimatorClient(RosClient):
         tip = self.answers['tip_pose']
 
         def is_heard():
-            # Long ago: what comes after it begins anew, or is not late.
+            # An early stamp, so that no later measurement of a test is late.
             self.send('tendon_tensions', 1.0)
             self.spin(0.1)
             return tip and self.answers['backbone/covariance']
@@ -89,7 +89,7 @@ class EstimatorClient(RosClient):
 
     @property
     def shape(self):
-        """The true one."""
+        """The true shape."""
         wrench = np.append(self.force, np.zeros(3))
         return self.solver.solve([self.tensions], wrench if self.force.any() else None)
 
@@ -97,7 +97,7 @@ class EstimatorClient(RosClient):
         return self.scale * NOISE[kind] * self.random.standard_normal(size)
 
     def message(self, topic, time):
-        """What the sensor of ``topic`` measures, stamped with ``time`` [s]."""
+        """Return the message of the sensor of ``topic`` with the stamp ``time`` [s]."""
         message, shape = INPUTS[topic](), self.shape
         message.header.frame_id = 'arm_base'
         stamp = round(time * SECOND)
@@ -106,59 +106,59 @@ class EstimatorClient(RosClient):
             message.name = NAMES
             message.tension = self.tensions + self.noise('tension', len(NAMES))
         elif topic == 'tendon_displacements':
-            drawn_in = self.solver.rest_lengths - self.solver.tendon_lengths(shape)
-            message.name, message.position = NAMES, drawn_in.ravel()
+            displacements = self.solver.rest_lengths - self.solver.tendon_lengths(shape)
+            message.name, message.position = NAMES, displacements.ravel()
         elif topic == 'measured/tip_pose':
             position = shape.tip + self.noise('position', 3)
             message.pose.pose = pose_message(position, shape.quaternion[-1])
             variance = np.repeat([NOISE['position'], NOISE['rotation']], 3) ** 2
             message.pose.covariance = np.diag(variance).ravel()
         elif topic == 'measured/markers':
-            places = [np.interp(MARKER_S, shape.s, axis) for axis in shape.position.T]
-            for x, y, z in np.transpose(places) + self.noise('position', (len(MARKER_S), 3)):
+            positions = [np.interp(MARKER_S, shape.s, axis) for axis in shape.position.T]
+            for x, y, z in np.transpose(positions) + self.noise('position', (len(MARKER_S), 3)):
                 message.poses.append(Pose(position=Point(x=x, y=y, z=z)))
         else:
             force = self.force + self.noise('force', 3)
             moment = np.cross(shape.tip, self.force) + self.noise('moment', 3)
-            for part, (x, y, z) in (
+            for field, (x, y, z) in (
                 (message.wrench.force, force),
                 (message.wrench.torque, moment),
             ):
-                part.x, part.y, part.z = x, y, z
+                field.x, field.y, field.z = x, y, z
         return message
 
     def send(self, topic, time, change=None):
-        """Publish what the sensor of ``topic`` measures, after ``change`` of the message."""
+        """Publish a measurement of ``topic`` after a ``change`` of the message."""
         message = self.message(topic, time)
         if change is not None:
             change(message)
         self.publishers[topic].publish(message)
 
     def tell(self, topic, time, change=None):
-        """The same, and wait for the estimate that comes of it; returns its tip pose."""
+        """Publish a measurement, wait for the next estimate and return its tip pose."""
         self.before = {name: len(heard) for name, heard in self.answers.items()}
         self.send(topic, time, change)
         return self.newest('tip_pose')
 
     def measure(self, times, topics=('tendon_tensions', 'measured/tip_pose')):
-        """Tell what all of ``topics`` measure at ``times`` [s], one after the other."""
+        """Publish measurements of ``topics`` at ``times`` [s], and wait for each estimate."""
         for time in times:
             for number, topic in enumerate(topics):
                 self.tell(topic, time + 1e-3 * number)
 
     def newest(self, topic):
-        """The answer on ``topic`` to what was told last."""
+        """Return the answer on ``topic`` to the last measurement of `tell`."""
         heard, before = self.answers[topic], self.before[topic]
         self.wait(lambda: len(heard) > before, f'an answer on {topic}')
         return heard[-1]
 
     def wrench(self, topic='tip_wrench/estimate'):
-        """The force of the newest wrench [N], and the standard deviations of its components."""
+        """Return the force of the newest wrench [N] and its standard deviations."""
         force = xyz(self.newest(topic).wrench.force)
         covariance = np.reshape(self.newest('backbone/covariance').contact, (6, 6))
         return force, np.sqrt(covariance.diagonal()[:3])
 
 
 def estimating_here(make_node, domain=None):
-    """A node in this process that its client spins."""
+    """Run a node in this process, which its client spins."""
     return hosting(make_node, files=(FILE,), client=EstimatorClient, domain=domain, **GIVEN)

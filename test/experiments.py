@@ -1,4 +1,4 @@
-"""Experiments for tests: recordings and shapes of an arm whose truth is known."""
+"""Simulated experiments for tests: recordings and shapes of an arm with known parameters."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -28,9 +28,9 @@ from octo_arm_model.experiment.steady_windows import Window
 
 PARAMETERS = {**load_parameters('renda2012_prototype'), 'stations': 41}
 ARM = Config.from_parameters(PARAMETERS).arm
-HELD = (0.0, 0.53, 1.09, 2.0, 2.6, 3.06, 3.44, 3.95)  # Table 1, from rest [N]
+HELD = (0.0, 0.53, 1.09, 2.0, 2.6, 3.06, 3.44, 3.95)  # steps of Table 1, and rest [N]
 STEPS = HELD[1:]
-TRUE = 1.23e5  # Young's modulus of the arms of `measured` [Pa]; the config says 1.1e5
+TRUE = 1.23e5  # Young's modulus of the arms of `measured` [Pa]; the preset has 1.1e5
 FAR = Alignment(np.array([2.0, -0.9, 0.7]), np.array([0.12, 0.05, 0.6]))
 
 
@@ -42,13 +42,13 @@ PULLS = tuple(one_tendon(tension) for tension in STEPS[::2])
 
 
 def circle(radius: float = 0.1, angle: float = 2.0, count: int = 41) -> np.ndarray:
-    """An arc in the plane z = 0 from the origin along x [m]."""
-    at = np.linspace(0.0, angle, count)
-    return radius * np.stack([np.sin(at), 1.0 - np.cos(at), 0.0 * at], axis=1)
+    """Return points of an arc in the plane z = 0, which starts at the origin along x [m]."""
+    angles = np.linspace(0.0, angle, count)
+    return radius * np.stack([np.sin(angles), 1.0 - np.cos(angles), 0.0 * angles], axis=1)
 
 
 def midline(model: str, pulled: np.ndarray, count: int = 61, **changes: Any) -> np.ndarray:
-    """Midline of the prototype with parameters changed, evenly along its length."""
+    """Return the midline of the prototype after changes of parameters, at even distances."""
     values = {**PARAMETERS, **{name.replace('__', '.'): value for name, value in changes.items()}}
     config = Config.from_parameters({**values, 'model': model, 'stations': 101})
     shape = config.solver().solve(pulled.reshape(config.arm.tension_shape)).position
@@ -62,7 +62,7 @@ def shapes(
     noise: float = 0.0,
     frames: int = 5,
 ) -> list[MeasuredShape]:
-    """Steps with ``frames`` noisy copies of each of the true ``lines``."""
+    """Return steps with the mean of ``frames`` noisy copies of each of the true ``lines``."""
     rng = rng or np.random.default_rng(0)
     return [
         mean_shape(
@@ -83,7 +83,7 @@ def measured(
     parameters: dict | None = None,
     **changes: float,
 ) -> list[MeasuredShape]:
-    """Steps of an arm of modulus `TRUE`; ``wrong`` is the stddev of each step's tension [N]."""
+    """Return steps of an arm of modulus `TRUE`; ``wrong`` is the tensions' stddev [N]."""
     rng = np.random.default_rng(seed)
     changes = {'material__youngs_modulus': TRUE, **(parameters or {}), **changes}
     pulled = [
@@ -96,20 +96,20 @@ def measured(
 def with_encoders(
     step: MeasuredShape, lengths: np.ndarray, is_driven: bool = False
 ) -> MeasuredShape:
-    """A ``step`` in which encoders read ``lengths`` (tendons,) [m]."""
+    """Return a ``step`` with ``lengths`` (tendons,) [m] as readings of encoders."""
     window = dataclasses.replace(step.window, displacements=lengths, is_driven=is_driven)
     return dataclasses.replace(step, window=window)
 
 
 def tips(steps: list[MeasuredShape]) -> list[MeasuredShape]:
-    """The same ``steps`` of which the tips alone were measured."""
+    """Return ``steps`` with only the tips as measured points."""
     return [dataclasses.replace(step, points=step.points[-1:]) for step in steps]
 
 
 def staircase(
     held: Sequence[float] = HELD, hold: float = 3.0, ramp: float = 1.0, rate: float = 50.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and tensions of the first tendon [N]: each held, then on to the next."""
+    """Return times [s] and tensions of the first tendon [N], which are held with ramps between."""
     begins = np.arange(len(held)) * (hold + ramp)
     corners = np.stack([begins, begins + hold], axis=1).ravel()
     time = np.arange(0.0, corners[-1], 1.0 / rate)
@@ -124,35 +124,36 @@ def recording(
     rate: float = 10.0,
     **changes: Any,
 ) -> Recording:
-    """Frames of an arm that follows a staircase without lag, their clock ``ahead`` by [s]."""
+    """Return a recording of a staircase; the camera's clock is ``ahead`` [s]."""
     time, pulled = staircase(held)
     tensions = np.zeros((time.size, 4))
     tensions[:, 0] = pulled
-    seen = np.arange(0.0, time[-1], 1.0 / rate)
-    known = {
+    times = np.arange(0.0, time[-1], 1.0 / rate)
+    lines = {
         tension: midline(model, one_tendon(tension), 31, **changes)
-        for tension in np.unique(np.interp(seen, time, pulled))
+        for tension in np.unique(np.interp(times, time, pulled))
     }
-    frames = [camera.to_camera(known[at]) for at in np.interp(seen, time, pulled)]
-    return Recording(PARAMETERS, time, tensions, seen + ahead, tuple(frames), 'camera')
+    frames = [camera.to_camera(lines[tension]) for tension in np.interp(times, time, pulled)]
+    return Recording(PARAMETERS, time, tensions, times + ahead, tuple(frames), 'camera')
 
 
 def path_sample(
     points: np.ndarray, stamp_ns: int, topic: str = '/camera/midline', frame: str = 'arm_base'
 ) -> Sample:
-    """A nav_msgs/Path."""
-    about = header(stamp_ns, frame)
-    poses = [make('geometry_msgs/msg/PoseStamped', header=about, pose=pose(at)) for at in points]
-    return message(topic, 'nav_msgs/msg/Path', stamp_ns, header=about, poses=poses)
+    """Return a nav_msgs/Path."""
+    header_ = header(stamp_ns, frame)
+    kind = 'geometry_msgs/msg/PoseStamped'
+    poses = [make(kind, header=header_, pose=pose(point)) for point in points]
+    return message(topic, 'nav_msgs/msg/Path', stamp_ns, header=header_, poses=poses)
 
 
 def pose_sample(
     point: np.ndarray, stamp_ns: int, topic: str = '/tracker/tip', frame: str = 'arm_base'
 ) -> Sample:
-    """A geometry_msgs/PoseStamped."""
-    about = header(stamp_ns, frame)
+    """Return a geometry_msgs/PoseStamped."""
+    header_ = header(stamp_ns, frame)
     return message(
-        topic, 'geometry_msgs/msg/PoseStamped', stamp_ns, header=about, pose=pose(point)
+        topic, 'geometry_msgs/msg/PoseStamped', stamp_ns, header=header_, pose=pose(point)
     )
 
 
@@ -161,7 +162,7 @@ def nanoseconds(time: float) -> int:
 
 
 def tension_samples(time: np.ndarray, pulled: Sequence[Any]) -> list[Sample]:
-    """Messages of the tension of the first tendon, or the tensions of all."""
+    """Return messages with the tension of the first tendon, or of all."""
     kind = 'octo_arm_msgs/msg/TendonTensions'
     return [
         Sample(
@@ -177,33 +178,33 @@ def tension_samples(time: np.ndarray, pulled: Sequence[Any]) -> list[Sample]:
 
 
 def description(**changes: Any) -> Sample:
-    """The arm, as the node announces it."""
+    """Return the description of the arm that the node publishes."""
     return text_sample('/arm_description', parameters_as_yaml({**PARAMETERS, **changes}))
 
 
 def arm_file(folder: Path, parameters: Mapping[str, Any]) -> Path:
-    """The file arm.yaml in a ``folder`` of an arm of these ``parameters``."""
+    """Write ``parameters`` to the file arm.yaml in a ``folder``."""
     path = folder / 'arm.yaml'
     path.write_text(parameters_as_yaml(parameters))
     return path
 
 
 def bag_of(path: Path, samples: Sequence[Sample]) -> Path:
-    """A bag of ``samples`` in order of receipt."""
+    """Write a bag of ``samples`` in order of receipt."""
     return write_bag(path, sorted(samples, key=lambda sample: sample.received_ns))
 
 
 def staircase_bag(path: Path, held: Sequence[float], see: Callable[[float, int], Sample]) -> Path:
-    """A bag of tensions held for 2 s each, and of what a camera saw ``see`` meanwhile, at 10 Hz.
+    """Write a bag of tensions held for 2 s each, with messages of a camera at 10 Hz.
 
-    ``see`` makes the message for a tension [N] and a stamp [ns].
+    ``see`` returns the camera's message for a tension [N] and a stamp [ns].
     """
     time, pulled = staircase(held, hold=2.0)
-    seen = np.arange(0.0, time[-1], 0.1)
+    times = np.arange(0.0, time[-1], 0.1)
     samples = [description(), *tension_samples(time, pulled)]
     samples += [
         see(tension, nanoseconds(at))
-        for at, tension in zip(seen, np.interp(seen, time, pulled))
+        for at, tension in zip(times, np.interp(times, time, pulled))
         if tension in held
     ]
     return bag_of(path, samples)

@@ -1,7 +1,7 @@
-"""Laboratories for tests: the prototype as finite elements have it, seen and pulled as labs do.
+"""Simulated laboratories for tests: bags of the prototype with shapes of finite elements.
 
-The shapes are those of validation/results.json, which no model here has made. Bags are written by
-rosbags itself.
+The shapes are from validation/results.json, independent of all models. Bags are written by
+rosbags.
 """
 
 import json
@@ -19,9 +19,9 @@ from scipy.interpolate import CubicSpline
 
 _CASE = json.loads((ROOT / 'validation' / 'results.json').read_text())['cases']['prototype']
 TENSIONS = tuple(tension for (tension,) in _CASE['tensions_N'])
-# The elements have the axes of the arm's base: n is -y and b is -z.
+# The elements use the axes of the arm's base: n is -y and b is -z.
 _SHAPES = 1e-3 * np.array(_CASE['midlines_mm']) * [1.0, -1.0, -1.0]
-# Of the model exact against them, by tension [% of L].
+# Error of the model exact by tension [% of L].
 TIP_ERRORS = tuple(_CASE['tip_error_percent']['exact'])
 _DISC = 1e-3 * _CASE['disc_mm']
 HOLD, RAMP = 2.0, 1.0
@@ -29,7 +29,7 @@ MARKER_S = (0.0, 0.09, 0.18, 0.27)
 
 
 def _planes() -> np.ndarray:
-    """Arc coordinates of the points of the shapes: layers as long as the arm is thick, a disc."""
+    """Arc coordinates of the points of the shapes: layers of one radius, then a disc."""
     fine = np.linspace(0.0, ARM.length, 2001)
     in_radii = cumulative_trapezoid(1.0 / ARM.body.radius(fine), fine, initial=0.0)
     last = np.interp(ARM.length - _DISC, fine, in_radii)
@@ -42,12 +42,12 @@ _STEP = {tension: CubicSpline(STATIONS, shape) for tension, shape in zip(TENSION
 
 
 def seen(tension: float, s: Sequence[float]) -> np.ndarray:
-    """Points at ``s`` [m] of the arm pulled by one of `TENSIONS`, (m, 3) [m]."""
+    """Return points (m, 3) [m] at ``s`` [m] of the arm with one of `TENSIONS`."""
     return np.asarray(_STEP[tension](np.array(s)))
 
 
 def at_any(tension: float, s: Sequence[float]) -> np.ndarray:
-    """Points at ``s`` [m] for any tension within `TENSIONS`, between those interpolated."""
+    """Return points at ``s`` [m] for any tension in the range of `TENSIONS`, by interpolation."""
     shape = CubicSpline(TENSIONS, _SHAPES)(tension)
     return np.asarray(CubicSpline(STATIONS, shape)(np.array(s)))
 
@@ -59,7 +59,7 @@ def transform(
     parent: str = 'arm_base',
     turned: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
 ) -> Any:
-    """A transform from ``child`` to ``parent``, ``turned`` by the quaternion x, y, z, w."""
+    """Return the transform from ``child`` to ``parent`` with the quaternion ``turned``."""
     return make(
         'geometry_msgs/msg/TransformStamped',
         header=header(stamp_ns, parent),
@@ -73,35 +73,35 @@ def transform(
 
 
 def tf_message(transforms: Sequence[Any], stamp_ns: int, topic: str = '/tf') -> Sample:
-    """A message of TF."""
+    """Return a message of TF."""
     return message(topic, 'tf2_msgs/msg/TFMessage', stamp_ns, transforms=list(transforms))
 
 
 def pose_array(points: np.ndarray, stamp_ns: int) -> list[Sample]:
     kind = 'geometry_msgs/msg/PoseArray'
-    poses = [pose(one) for one in points]
-    about = header(stamp_ns, 'arm_base')
-    return [message('/mocap/markers', kind, stamp_ns, header=about, poses=poses)]
+    poses = [pose(each) for each in points]
+    header_ = header(stamp_ns, 'arm_base')
+    return [message('/mocap/markers', kind, stamp_ns, header=header_, poses=poses)]
 
 
 def one_topic_each(points: np.ndarray, stamp_ns: int, kind: str = 'PoseStamped') -> list[Sample]:
-    about = header(stamp_ns, 'arm_base')
-    field, of = {'PoseStamped': ('pose', pose), 'PointStamped': ('point', point)}[kind]
+    header_ = header(stamp_ns, 'arm_base')
+    field, make_field = {'PoseStamped': ('pose', pose), 'PointStamped': ('point', point)}[kind]
     return [
         message(
             f'/mocap/m{number}',
             f'geometry_msgs/msg/{kind}',
             stamp_ns,
-            header=about,
-            **{field: of(one)},
+            header=header_,
+            **{field: make_field(each)},
         )
-        for number, one in enumerate(points)
+        for number, each in enumerate(points)
     ]
 
 
 def tf(points: np.ndarray, stamp_ns: int) -> list[Sample]:
-    frames = [transform(stamp_ns, f'm{n}', one) for n, one in enumerate(points)]
-    frames.append(transform(stamp_ns, 'of something else', np.ones(3)))
+    frames = [transform(stamp_ns, f'm{n}', each) for n, each in enumerate(points)]
+    frames.append(transform(stamp_ns, 'another body', np.ones(3)))
     return [tf_message(frames, stamp_ns)]
 
 
@@ -117,7 +117,7 @@ WAYS: dict[str, tuple[Callable[[np.ndarray, int], list[Sample]], list[str]]] = {
 
 
 def staircase_of(held: Sequence[float] = TENSIONS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times [s], tensions [N] of the first tendon, and times of frames at rest [s]."""
+    """Return times [s], tensions of the first tendon [N], and times of frames at rest [s]."""
     time, pulled = staircase(held, hold=HOLD, ramp=RAMP, rate=20.0)
     at_rest = [n * (HOLD + RAMP) + np.arange(0.8, HOLD, 0.1) for n in range(len(held))]
     return time, pulled, np.concatenate(at_rest)
@@ -130,7 +130,7 @@ def marker_bag(
     change: Callable[[np.ndarray, int], np.ndarray] = lambda points, number: points,
     held: Sequence[float] = TENSIONS,
 ) -> Path:
-    """A bag of the `TENSIONS` held, and of points at ``s``; ``change`` gets their number."""
+    """Write a bag of held tensions and points at ``s``; ``change`` gets the frame's number."""
     time, pulled, times = staircase_of(held)
     samples = [description(model='exact'), *tension_samples(time, pulled)]
     for number, (at, tension) in enumerate(zip(times, np.interp(times, time, pulled))):

@@ -1,6 +1,6 @@
-"""Nodes as processes of their own, and clients that talk to them over DDS.
+"""Run nodes as processes or in this one, with clients that communicate over DDS.
 
-Every process started here is in a ROS domain of its own, see `ros_domains`.
+Every node has a ROS domain of its own, see `ros_domains`.
 """
 
 import contextlib
@@ -44,30 +44,29 @@ from octo_arm_model.ros.start import read_here
 from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.tensions import TENSION_TOPICS
 
-# [s] for anything that takes milliseconds on an idle machine; long, since only what fails waits.
+# [s] for steps of milliseconds on an idle machine; only a failing test waits so long.
 DEADLINE = 120.0
-NO_TRANSITION = 200  # is none of those of managed nodes
-PERIOD = 0.02  # [s] between polls of what is not waited for by an executor
+NO_TRANSITION = 200  # number of no transition of managed nodes
+PERIOD = 0.02  # [s] between polls of conditions without an executor
 CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
 NAMES = list(CONFIG.arm.tendon_names)
-# Nodes in this process report and warn more often than those in processes of their own, each
-# second: most of the time of their tests would be waiting for that.
+# Nodes in this process report and warn each 0.2 s instead of each second, to shorten tests.
 diagnostics.PERIOD = start.WARNING_PERIOD = 0.2
 NODES = {'node': OctoArmNode, 'lifecycle': ManagedOctoArmNode, 'simulator': SimulatorNode}
-# Names of nodes that are not of an arm.
+# Names of nodes other than octo_arm.
 _OTHERS = {
     SimulatorNode: 'octo_arm_sim',
     EstimatorNode: 'octo_arm_estimator',
     ManagedEstimatorNode: 'octo_arm_estimator',
 }
 INPUTS = {topic: message_class(kind.type_name) for topic, kind in TENSION_TOPICS.items()}
-# Inputs of the node as reliable as its outputs, for tests that count every message.
+# Reliable inputs, for tests that count every message.
 RELIABLE = {
     f'qos_overrides./{topic}.subscription.reliability': 'reliable'
     for topic in (*INPUTS, 'tip_wrench')
 }
-# What is not about the budget has one that a busy machine keeps to.
+# A budget of solves for busy machines, for tests of other things.
 AFFORDED = {'solve_budget.seconds': 60.0}
 OUTPUTS = {
     'backbone/path': Path,
@@ -76,12 +75,12 @@ OUTPUTS = {
     'tip_pose': PoseWithCovarianceStamped,
     'tendon_lengths': JointState,
 }
-# What the node says before it is discovered is kept for whoever subscribes later.
+# Also delivers log messages from before the discovery.
 LOG_QOS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def environment(domain, **more):
-    """Variables of a process in ``domain``."""
+    """Return the environment variables of a process in ``domain``."""
     return {
         **os.environ,
         'ROS_DOMAIN_ID': str(domain),
@@ -103,10 +102,10 @@ def start(module, *arguments, domain, **variables):
 
 
 def _of_ros(files, arguments, parameters):
-    """Arguments of a node: parameter ``files``, others, and parameters, `__` for `.`."""
-    given = [word for file in files for word in ('--params-file', str(file))]
-    named = {name.replace('__', '.'): value for name, value in parameters.items()}
-    return ['--ros-args', *given, *map(str, arguments), *parameter_arguments(named)]
+    """Return a node's arguments: parameter ``files``, others, and parameters with `__` for `.`."""
+    file_arguments = [word for file in files for word in ('--params-file', str(file))]
+    by_name = {name.replace('__', '.'): value for name, value in parameters.items()}
+    return ['--ros-args', *file_arguments, *map(str, arguments), *parameter_arguments(by_name)]
 
 
 def start_node(module, domain, *arguments, files=(CONFIG_FILE,), **parameters):
@@ -115,13 +114,13 @@ def start_node(module, domain, *arguments, files=(CONFIG_FILE,), **parameters):
 
 
 def stop(process, how=signal.SIGINT):
-    """End a process by a signal; returns what it wrote to stderr."""
+    """End a process by a signal; return its stderr."""
     process.send_signal(how)
     return check_end(process, 0)
 
 
 def check_end(process, status):
-    """Wait for the end of a process, check its status; returns what it wrote to stderr."""
+    """Wait for the end of a process and check its status; return its stderr."""
     _, complaints = process.communicate(timeout=DEADLINE)
     assert process.returncode == status, complaints
     assert 'Traceback' not in complaints, complaints
@@ -129,7 +128,7 @@ def check_end(process, status):
 
 
 def tensions_message(topic, tensions, names=NAMES):
-    """Tensions as a message of the type of ``topic``, without a stamp."""
+    """Return tensions as a message of the type of ``topic``, without a stamp."""
     measured = topic.replace('tendon_commands', 'tendon_tensions')
     kind, message = TENSION_TOPICS[measured], INPUTS[measured]()
     setattr(message, kind.tensions, np.ravel(np.asarray(tensions, dtype=float)).tolist())
@@ -145,11 +144,11 @@ def _transition(number):
 
 
 def setting(path, value):
-    """What sets the field at a dotted ``path`` of a message."""
-    *places, last = path.split('.')
+    """Return a function that sets the field of a message at a dotted ``path``."""
+    *parents, last = path.split('.')
 
     def change(message):
-        for place in places:
+        for place in parents:
             message = message[int(place)] if place.isdigit() else getattr(message, place)
         if last.isdigit():
             message[int(last)] = value
@@ -160,7 +159,7 @@ def setting(path, value):
 
 
 def xyz(point):
-    """A point or vector of a message, (3,)."""
+    """Return a point or vector of a message as an array (3,)."""
     return np.array([point.x, point.y, point.z])
 
 
@@ -172,7 +171,7 @@ def spin_until(executor, condition):
 
 
 class RosClient:
-    """A ROS node in the domain of a process, with what tests need of it."""
+    """A ROS node in the domain of the tested node, with helpers of tests."""
 
     def __init__(self, domain, node='octo_arm'):
         self.domain, self.name = domain, node
@@ -193,64 +192,64 @@ class RosClient:
         rclpy.shutdown(context=self.context)
 
     def hear(self, kind, topic, qos=1000, **options):
-        """The list that messages are appended to."""
-        heard = []
-        self.node.create_subscription(kind, topic, heard.append, qos, **options)
-        return heard
+        """Subscribe to ``topic``; return the list to which messages are appended."""
+        messages = []
+        self.node.create_subscription(kind, topic, messages.append, qos, **options)
+        return messages
 
     def spin(self, seconds=0.05):
-        """Take what has arrived, or wait for it."""
+        """Receive messages that have arrived, or wait for the next one."""
         self.executor.spin_once(timeout_sec=seconds)
-        # The events executor takes one event a call.
+        # The events executor handles one event per call.
         for _ in range(20):
             self.executor.spin_once(timeout_sec=0.0)
 
     def wait(self, condition, what, again=lambda: None):
-        """Spin, doing something ``again`` and again, until ``condition``, which is returned."""
+        """Spin and call ``again`` until ``condition`` returns something true, and return that."""
         end = time.monotonic() + DEADLINE
         again()
-        while not (found := condition()):
+        while not (result := condition()):
             assert time.monotonic() < end, f'{what} did not happen in {DEADLINE} s'
             self.spin()
             again()
-        return found
+        return result
 
     def teller(self, kind, topic, qos=10):
-        """What publishes messages of ``kind``, given whole or by their fields."""
+        """Return a function that publishes a message, or one with given fields."""
         publisher = self.node.create_publisher(kind, topic, qos)
         return lambda message=None, **fields: publisher.publish(message or kind(**fields))
 
     def clock(self):
-        """What tells nodes on simulated time a time [s], and whole nanoseconds more."""
+        """Return a function that publishes a simulated time [s, ns]."""
         tell = self.teller(Clock, '/clock')
         return lambda sec, nanosec=0: tell(clock=Time(sec=sec, nanosec=nanosec))
 
     def service(self, kind, name):
-        """The client of the service ``name``, which is ready."""
+        """Wait for the service ``name`` and return its client."""
         if name not in self._services:
             self._services[name] = self.node.create_client(kind, name)
         self.wait(self._services[name].service_is_ready, f'the service {name}')
         return self._services[name]
 
     def call(self, kind, name, request):
-        """The answer of a service to a ``request`` that does no harm when it is repeated."""
+        """Return the answer of a service to a ``request``, which may be sent twice."""
         return self.answer(partial(self.service(kind, name).call_async, request), name)
 
     def answer(self, ask, name):
-        """Result of the future that ``ask`` returns, asked for again where it is lost."""
-        asked, begin = [ask()], time.monotonic()
+        """Return the result of the future that ``ask`` returns; ask again if it is lost."""
+        futures, first_time = [ask()], time.monotonic()
 
         def answered():
-            # A server that has not discovered the reader of its answers yet loses the first.
-            if len(asked) == 1 and time.monotonic() > begin + 0.25 * DEADLINE:
-                asked.append(ask())
-            return any(one.done() for one in asked)
+            # A server loses its first answer if it has not discovered the reader yet.
+            if len(futures) == 1 and time.monotonic() > first_time + 0.25 * DEADLINE:
+                futures.append(ask())
+            return any(future.done() for future in futures)
 
         self.wait(answered, f'an answer of {name}')
-        return next(one for one in asked if one.done()).result()
+        return next(future for future in futures if future.done()).result()
 
     def change(self, **values):
-        """Set parameters of the node together; returns whether it took them, and why not."""
+        """Set parameters of the node together; return whether it accepted them, and the reason."""
         parameters = [
             Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
             for name, value in values.items()
@@ -261,30 +260,30 @@ class RosClient:
         return result.successful, result.reason
 
     def transition(self, number):
-        """Ask a managed node for a transition; returns whether it succeeded."""
+        """Request a transition of a managed node; return whether it succeeded."""
         name = f'{self.name}/change_state'
         if name not in self._services:
-            # A transition that is repeated is refused: its answer must not be the first.
+            # A repeated transition is refused, so the first, possibly lost answer is another.
             self.call(ChangeState, name, _transition(NO_TRANSITION))
         return self.call(ChangeState, name, _transition(number)).success
 
     @property
     def parameters(self):
-        """The client of rclpy for the node's parameters, its services ready."""
+        """Client of rclpy for the node's parameters, whose services are ready."""
         if self._parameters is None:
             self._parameters = AsyncParameterClient(self.node, self.name)
         self.wait(self._parameters.services_are_ready, f'the services of {self.name}')
         return self._parameters
 
     def ask_parameters(self, ask, *arguments):
-        """Result of ``ask``, a method of `parameters`."""
+        """Return the result of ``ask``, a method of `parameters`."""
         return self.answer(partial(ask, *arguments), self.name)
 
     def parameter_names(self):
         return sorted(self.ask_parameters(self.parameters.list_parameters).result.names)
 
     def dump(self):
-        """All parameters by name, asked for as `ros2 param dump` does."""
+        """Return all parameters by name, requested as by `ros2 param dump`."""
         names = self.parameter_names()
         values = self.ask_parameters(self.parameters.get_parameters, names).values
         return dict(zip(names, map(parameter_value_to_python, values), strict=True))
@@ -295,41 +294,41 @@ class RosClient:
         return dict(zip(names, types, strict=True))
 
     def status(self, part):
-        """A status of ``part`` of the node that began after this call, and its values."""
+        """Return a status of ``part`` of the node from after this call, and its values."""
         name = f'{self.name}: {part}'
 
-        def said():  # Other nodes may report as well.
+        def statuses():  # Other nodes may report as well.
             return [s for message in self.diagnostics for s in message.status if s.name == name]
 
-        seen = len(said())
-        self.wait(lambda: len(said()) > seen + 1, 'a diagnosis')
-        status = said()[-1]
+        count = len(statuses())
+        self.wait(lambda: len(statuses()) > count + 1, 'a diagnostic message')
+        status = statuses()[-1]
         return status, {value.key: value.value for value in status.values}
 
     def told(self):
-        """What all statuses say that were heard."""
+        """Return the messages of all statuses received."""
         return [status.message for message in self.diagnostics for status in message.status]
 
     def log(self, *words, again=lambda: None):
-        """Wait for a line of the log that has all ``words``, doing something ``again``."""
+        """Wait for a line of the log with all ``words``, and call ``again`` meanwhile."""
 
         def is_logged():
-            return any(all(one in log.msg for one in words) for log in self.logs)
+            return any(all(word in log.msg for word in words) for log in self.logs)
 
         self.wait(is_logged, f'{words} in the log', again)
 
 
 class NodeClient(RosClient):
-    """Publishes tensions and keeps what the node answers.
+    """Publishes tensions and stores the node's answers.
 
     Attributes:
-        names: of the tendons of the node's arm.
+        names: names of the tendons of the node's arm.
     """
 
     def __init__(self, domain, node='octo_arm'):
         super().__init__(domain, node)
         self.names = NAMES
-        # Deep: a burst does not replace what has not left yet.
+        # A deep queue, so that a burst replaces no message that is not sent yet.
         self.publishers = {
             topic: self.node.create_publisher(kind, topic, 1000) for topic, kind in INPUTS.items()
         }
@@ -338,7 +337,7 @@ class NodeClient(RosClient):
         self.stamps = itertools.count(1)
 
     def connect(self):
-        """Ask until each input reaches the node and each output comes back."""
+        """Publish until each input reaches the node and each output comes back."""
         for topic in INPUTS:
             self.forget()
 
@@ -352,9 +351,9 @@ class NodeClient(RosClient):
         self.wait(self.wrench.get_subscription_count, 'a subscription to wrenches')
 
     def settle(self, topic):
-        """Leave nothing of ``topic`` under way that a test could take for its answer."""
+        """Wait until no answer to an earlier message on ``topic`` is under way."""
         mark = np.zeros(len(self.names))
-        # In no other message, and exact in single precision as well.
+        # A tension of no other message, exact in single precision too.
         mark[0] = 2.0**-20 * next(self.stamps)
         self.send(topic, mark)
 
@@ -363,46 +362,47 @@ class NodeClient(RosClient):
                 return False
             last = self.answers['tendon_lengths'][-1]
             return last.effort[0] == mark[0] and all(
-                got and got[-1].header.stamp == last.header.stamp for got in self.answers.values()
+                messages and messages[-1].header.stamp == last.header.stamp
+                for messages in self.answers.values()
             )
 
         self.wait(last_is_answered, f'an answer to the last message on {topic}')
 
     def forget(self):
-        for got in self.answers.values():
-            got.clear()
+        for messages in self.answers.values():
+            messages.clear()
 
     def send(self, topic, tensions, names=None):
-        """Publish tensions; returns the seconds of the stamp, None where there is none."""
+        """Publish tensions; return the seconds of the stamp, None without a header."""
         message = tensions_message(topic, tensions, self.names if names is None else names)
         second = None
         if hasattr(message, 'header'):
             second = message.header.stamp.sec = next(self.stamps)
-            message.header.frame_id = 'of the load cells'
+            message.header.frame_id = 'load_cells'
         self.publishers[topic].publish(message)
         return second
 
     def send_wrench(self, z, frame='arm_base'):
-        """Publish a force along z on the tip [N]."""
+        """Publish a force ``z`` along z on the tip [N]."""
         message = WrenchStamped()
         message.header.frame_id = frame
         message.wrench.force.z = z
         self.wrench.publish(message)
 
     def ask(self, topic, tensions, names=None):
-        """Publish and wait for the answer on every topic, in the order of OUTPUTS."""
-        before = {name: len(got) for name, got in self.answers.items()}
+        """Publish tensions and wait for the answers, in the order of OUTPUTS."""
+        before = {name: len(messages) for name, messages in self.answers.items()}
         return self.answered(self.send(topic, tensions, names), topic, before)
 
     def answered(self, stamp, topic, before=None):
-        """Wait for answers with this ``stamp`` [s], or where it is None for more than before."""
+        """Wait for answers with the ``stamp`` [s], or if it is None, for more than ``before``."""
 
-        def has_come(name, got):
+        def has_come(name, messages):
             if stamp is None:
-                return len(got) > before[name]
-            return got and got[-1].header.stamp.sec == stamp
+                return len(messages) > before[name]
+            return messages and messages[-1].header.stamp.sec == stamp
 
-        self.wait(lambda: all(has_come(*one) for one in self.answers.items()), f'one to {topic}')
+        self.wait(lambda: all(has_come(*item) for item in self.answers.items()), f'one to {topic}')
         return [self.answers[name][-1] for name in OUTPUTS]
 
 
@@ -416,9 +416,9 @@ def running(
     domain=None,
     **parameters,
 ):
-    """A node in a domain of its own, or one given, and its client, which has its ``process``.
+    """Run a node in a domain of its own or a given one; its client has the ``process``.
 
-    Parameters are given by name, with `__` for `.`, beside other ``arguments`` of ROS.
+    Parameters are given by name with `__` for `.`, other ``arguments`` are those of ROS.
     """
     given = contextlib.nullcontext(domain)
     with reserved_domain() if domain is None else given as domain:
@@ -427,7 +427,7 @@ def running(
         connected.process = process
         try:
             yield connected
-            if process.returncode is None:  # else the test itself has waited for the end
+            if process.returncode is None:  # otherwise the test has waited for the end
                 assert process.poll() is None, process.communicate()[1]
         except BaseException:
             process.kill()
@@ -443,35 +443,35 @@ def running(
 def hosting(
     make_node, *arguments, files=(CONFIG_FILE,), client=None, node=None, domain=None, **parameters
 ):
-    """As `running`, with a node in this process that works while its client waits.
+    """Run a node in this process, which works while its client waits; otherwise like `running`.
 
-    It costs a tenth of the processor time of a process, which imports everything anew. Of nodes
-    of one name in a process only the first is heard in /rosout.
+    It takes a tenth of the processor time of a new process, which imports all modules again. In a
+    process only the first node of a name publishes to /rosout.
     """
     node = node or _OTHERS.get(make_node, 'octo_arm')
     client = client or (RosClient if make_node in _OTHERS else NodeClient)
-    connected, made = client(domain or new_domain(), node), None
+    connected, hosted = client(domain or new_domain(), node), None
     try:
         of_ros = _of_ros(files, ['-r', f'__node:={node}', *arguments], parameters)
         with read_here(of_ros) as cli_args:
-            made = make_node(
+            hosted = make_node(
                 context=connected.context, cli_args=cli_args, use_global_arguments=False
             )
-        connected.executor.add_node(made)
+        connected.executor.add_node(hosted)
         yield connected
     finally:
-        if made is not None:
-            connected.executor.remove_node(made)
-            made.destroy_node()
+        if hosted is not None:
+            connected.executor.remove_node(hosted)
+            hosted.destroy_node()
         connected.close()
-        # A managed node, whose parts refer to it, frees its publisher of logs no earlier.
-        del made
+        # Reference cycles keep a managed node, and with it its publisher of logs, alive.
+        del hosted
         gc.collect()
 
 
 @contextlib.contextmanager
 def spinning(client):
-    """A node that its ``client`` hosts works, whatever is done meanwhile."""
+    """Spin ``client``, and with it a node of `hosting`, in another thread."""
     is_over = threading.Event()
 
     def spin():
@@ -488,7 +488,7 @@ def spinning(client):
 
 
 def assert_is_backbone(answers, tensions):
-    """Check that the ``answers`` of the node of table 4 are those of the core."""
+    """Check that the ``answers`` of the node of table 4 have the results of the solver."""
     path, poses, strains, tip, lengths = answers
     solver = CONFIG.solver(compiled=None)
     expected = solver.solve(tensions)
@@ -503,12 +503,12 @@ def assert_is_backbone(answers, tensions):
 
 
 def tip_of(answers):
-    """Position of the tip (3,) [m] in what `NodeClient.ask` returns."""
+    """Return the position of the tip (3,) [m] in ``answers`` of `NodeClient.ask`."""
     return xyz(answers[3].pose.pose.position)
 
 
 def file_with(folder, old, new):
-    """The parameter file of table 4 with one text replaced."""
+    """Write the parameter file of table 4 with one text replaced."""
     text = CONFIG_FILE.read_text()
     assert old in text
     path = folder / 'changed.yaml'

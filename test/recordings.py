@@ -1,4 +1,4 @@
-"""Bags for tests, made by rosbags itself."""
+"""Write bags for tests with rosbags, and read them with the package."""
 
 import hashlib
 import tempfile
@@ -19,7 +19,7 @@ from octo_arm_model.bags.types import known_types
 from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 START = 1_700_000_000 * 10**9  # [ns]
-STEP = 10**6  # between messages [ns]
+STEP = 10**6  # time between messages [ns]
 TOPICS = {f'/{topic}': kind.type_name for topic, kind in TENSION_TOPICS.items()}
 TENDON_TENSIONS, ARRAY, JOINT_STATE = (
     TOPICS[f'/tendon_tensions{suffix}'] for suffix in ('', '/array', '/joint_state')
@@ -28,12 +28,12 @@ TYPES = known_types()
 CONFIG = load_config('renda2012_table4')
 ARM = CONFIG.arm
 NAMES = ARM.tendon_names
-# Hypothesis has no fixtures that last for all examples.
+# Fixtures of pytest do not last for all examples of Hypothesis.
 _FOLDER = tempfile.TemporaryDirectory()
 
 
 class Sample(NamedTuple):
-    """A message to be in a bag."""
+    """A message in a bag."""
 
     topic: str
     type_name: str
@@ -42,12 +42,12 @@ class Sample(NamedTuple):
 
 
 def make(type_name: str, /, **fields: Any) -> Any:
-    """A message object of rosbags."""
+    """Return a message object of rosbags."""
     return TYPES.types[type_name](**fields)
 
 
-def header(stamp_ns: int, frame: str = 'of the load cells') -> Any:
-    """A std_msgs/Header."""
+def header(stamp_ns: int, frame: str = 'load_cells') -> Any:
+    """Return a std_msgs/Header."""
     sec, nanosec = divmod(stamp_ns, 10**9)
     stamp = make('builtin_interfaces/msg/Time', sec=sec, nanosec=nanosec)
     return make('std_msgs/msg/Header', stamp=stamp, frame_id=frame)
@@ -56,11 +56,11 @@ def header(stamp_ns: int, frame: str = 'of the load cells') -> Any:
 def tensions_data(
     type_name: str, names: Sequence[str], tensions: Any, stamp_ns: int, **changes: Any
 ) -> bytes:
-    """Bytes of a message of tensions [N]."""
-    (kind,) = (one for one in TENSION_TOPICS.values() if one.type_name == type_name)
+    """Return the bytes of a message of tensions [N]."""
+    (kind,) = (each for each in TENSION_TOPICS.values() if each.type_name == type_name)
     number = '<f4' if 'Float32' in type_name else '<f8'
-    names_of = TYPES.types[type_name].__dataclass_fields__
-    fields: dict[str, Any] = dict.fromkeys(names_of, np.zeros(0, number))
+    field_names = TYPES.types[type_name].__dataclass_fields__
+    fields: dict[str, Any] = dict.fromkeys(field_names, np.zeros(0, number))
     fields[kind.tensions] = np.array(tensions, dtype=number).ravel()
     if kind.names is None:
         fields['layout'] = make('std_msgs/msg/MultiArrayLayout', dim=[], data_offset=0)
@@ -77,7 +77,7 @@ def samples(
     topic: str = '/tendon_tensions',
     type_name: str = TENDON_TENSIONS,
 ) -> list[Sample]:
-    """Messages of the tensions ``rows`` of ``arm``, received a little after their stamps."""
+    """Return messages of the tensions ``rows`` of ``arm``, received shortly after their stamps."""
     return [
         Sample(
             topic,
@@ -90,24 +90,24 @@ def samples(
 
 
 def message(topic: str, kind: str, received_ns: int, **fields: Any) -> Sample:
-    """A message of a ``kind``."""
+    """Return a sample with a message of a ``kind``."""
     return Sample(topic, kind, received_ns, bytes(TYPES.serialize_cdr(make(kind, **fields), kind)))
 
 
 def point(at: Sequence[float], kind: str = 'Point') -> Any:
-    """A geometry_msgs/Point, or another ``kind`` with x, y and z."""
+    """Return a geometry_msgs/Point, or another ``kind`` with x, y and z."""
     x, y, z = map(float, at)
     return make(f'geometry_msgs/msg/{kind}', x=x, y=y, z=z)
 
 
 def quaternion(turned: Sequence[float]) -> Any:
-    """A geometry_msgs/Quaternion."""
+    """Return a geometry_msgs/Quaternion."""
     x, y, z, w = map(float, turned)
     return make('geometry_msgs/msg/Quaternion', x=x, y=y, z=z, w=w)
 
 
 def pose(at: Sequence[float], turned: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> Any:
-    """A geometry_msgs/Pose."""
+    """Return a geometry_msgs/Pose."""
     return make('geometry_msgs/msg/Pose', position=point(at), orientation=quaternion(turned))
 
 
@@ -118,8 +118,8 @@ def displacement_sample(
     topic: str = '/tendon_displacements',
     delay: int = 0,
 ) -> Sample:
-    """What encoders read, received a ``delay`` [ns] after the stamp."""
-    none = np.zeros(0)
+    """Return a reading of encoders, received a ``delay`` [ns] after its stamp."""
+    empty = np.zeros(0)
     return message(
         topic,
         JOINT_STATE,
@@ -127,13 +127,13 @@ def displacement_sample(
         header=header(stamp_ns),
         name=list(names),
         position=np.array(displacements, float),
-        velocity=none,
-        effort=none,
+        velocity=empty,
+        effort=empty,
     )
 
 
 def text_sample(topic: str, text: str, received_ns: int = START) -> Sample:
-    """A std_msgs/String."""
+    """Return a std_msgs/String."""
     return message(topic, 'std_msgs/msg/String', received_ns, data=text)
 
 
@@ -144,7 +144,7 @@ def write_bag(
     version: int = 9,
     silent: Mapping[str, str] = {},
 ) -> Path:
-    """Write a bag, with topics that are ``silent`` by their type as well."""
+    """Write a bag; ``silent`` has the types of further topics without messages."""
     with Writer(path, version=version, storage_plugin=StoragePlugin[storage.upper()]) as writer:
         topics: dict[str, Any] = {}
         for topic, type_name in silent.items():
@@ -157,7 +157,7 @@ def write_bag(
 
 
 def fingerprint(path: Path) -> dict[str, str]:
-    """Hash of every file of a bag."""
+    """Return a hash of every file of a bag."""
     return {
         str(file.relative_to(path)): hashlib.sha256(file.read_bytes()).hexdigest()
         for file in sorted(path.rglob('*'))
@@ -166,14 +166,14 @@ def fingerprint(path: Path) -> dict[str, str]:
 
 
 def random_tensions(arm: Arm, count: int, seed: int = 0, largest: float = 0.3) -> np.ndarray:
-    """Sets of tensions [N] within the limits of the paper's arms, some tendons slack."""
+    """Return sets of tensions [N] within the limits of the paper's arms, some of them 0."""
     rng = np.random.default_rng(seed)
     rows = rng.uniform(0.0, largest, (count, *arm.tension_shape))
     return rows * (rng.random(rows.shape) < 0.6)
 
 
 def readings_of(path: Path, topic: str = '/tendon_tensions') -> list[Reading]:
-    """Tensions in the messages of a topic, for the arm of Table 4."""
+    """Read the tensions in the messages of a topic, for the arm of Table 4."""
     with BagReader(path) as reader:
         return tensions_in(reader, CONFIG, topic)
 
@@ -181,14 +181,14 @@ def readings_of(path: Path, topic: str = '/tendon_tensions') -> list[Reading]:
 def tensions_in(
     reader: BagReader, config: Config, topic: str = '/tendon_tensions'
 ) -> list[Reading]:
-    """Tensions in the messages of a topic."""
-    return [Source(topic).read(reader, config, one) for one in reader.messages([topic])]
+    """Read the tensions in the messages of a topic."""
+    return [Source(topic).read(reader, config, each) for each in reader.messages([topic])]
 
 
 def assert_alike(found: Sequence[bytes], expected: Sequence[bytes]) -> None:
-    """That messages are equal but for the rounding of their numbers."""
-    for one, other in zip(found, expected, strict=True):
-        assert len(one) == len(other) and one[:12] == other[:12]  # and of the same stamp
-        # Numbers lie at multiples of 8 bytes behind the header; what else does is equal anyway.
-        numbers = [np.frombuffer(data, '<f8', (len(data) - 4) // 8, 4) for data in (one, other)]
+    """Check that messages are equal except for the rounding of their numbers."""
+    for data, other in zip(found, expected, strict=True):
+        assert len(data) == len(other) and data[:12] == other[:12]  # the stamp too
+        # Reads everything after the encapsulation as numbers; other fields are equal anyway.
+        numbers = [np.frombuffer(each, '<f8', (len(each) - 4) // 8, 4) for each in (data, other)]
         np.testing.assert_allclose(*numbers, rtol=1e-9, atol=1e-9)

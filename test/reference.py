@@ -1,8 +1,8 @@
-"""An independent solution of the paper's statements, for the tests to compare with.
+"""Solve the paper's equations independently of the package, as a reference for tests.
 
-Nothing here uses the package but the numbers and profiles of an `Arm`. Where the package uses the
-published scalar equations, collocation, quaternions and a Lie-group integrator, this uses
-vectors, 3x3 matrices and an ODE solver at tight tolerance.
+Only the numbers and profiles of an `Arm` are from the package. The package uses the published
+scalar equations, collocation, quaternions and a Lie-group integrator; this module uses vectors,
+3x3 matrices and an ODE solver with tight tolerances.
 """
 
 from collections.abc import Callable
@@ -30,36 +30,36 @@ class Shape(NamedTuple):
 
 
 def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Cross product along the first axis; np.cross takes longer on small arrays."""
+    """Return the cross product along the first axis; np.cross is slower on small arrays."""
     return np.stack(
         [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
     )
 
 
 def active_at(arm: Arm, s: float) -> int:
-    """Sections whose tendons act at ``s``; at an anchorage on the side of the base."""
+    """Return the number of sections whose tendons act at ``s``, anchorages included."""
     return sum(section.anchorage >= s for section in arm.sections)
 
 
 def cables(arm: Arm, active: int, s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets r of the cables of sections 1..active and their derivative r', (3, m, ...)."""
+    """Return offsets r of the cables of sections 1..active and their slopes r', (3, m, ...)."""
     offsets, slopes = [np.zeros((0, 3, *np.shape(s)))], [np.zeros((0, 3, *np.shape(s)))]
-    for tendon in (one for section in arm.sections[:active] for one in section.tendons):
+    for tendon in (each for section in arm.sections[:active] for each in section.tendons):
         y, phi = np.asarray(tendon.offset.value(s)), np.asarray(tendon.angle.value(s))
-        out = np.stack([0.0 * phi, np.cos(phi), np.sin(phi)])
-        turning = tendon.angle.slope(s) * np.stack([0.0 * phi, -np.sin(phi), np.cos(phi)])
-        offsets.append((y * out)[np.newaxis])
-        slopes.append((tendon.offset.slope(s) * out + y * turning)[np.newaxis])
+        radial = np.stack([0.0 * phi, np.cos(phi), np.sin(phi)])
+        radial_rate = tendon.angle.slope(s) * np.stack([0.0 * phi, -np.sin(phi), np.cos(phi)])
+        offsets.append((y * radial)[np.newaxis])
+        slopes.append((tendon.offset.slope(s) * radial + y * radial_rate)[np.newaxis])
     return np.concatenate(offsets).swapaxes(0, 1), np.concatenate(slopes).swapaxes(0, 1)
 
 
 def pulls(arm: Arm, tensions: np.ndarray, active: int) -> np.ndarray:
-    """Tensions of the cables of sections 1..active, (m,)."""
+    """Return the tensions of the cables of sections 1..active, (m,)."""
     return np.ravel(tensions)[: sum(len(section.tendons) for section in arm.sections[:active])]
 
 
 def stiffness(arm: Arm, s: float) -> np.ndarray:
-    """K = diag(GI, EJ, EJ) and below it EA: four numbers."""
+    """Return the stiffnesses GI, EJ, EJ and EA (4,)."""
     young, shear = arm.material.youngs_modulus_at(s), arm.material.shear_modulus_at(s)
     area = np.pi * arm.body.radius(s) ** 2
     second = area**2 / (4 * np.pi)
@@ -69,7 +69,7 @@ def stiffness(arm: Arm, s: float) -> np.ndarray:
 def omega_rate(
     arm: Arm, tensions: np.ndarray, active: int, s: float, omega: np.ndarray
 ) -> np.ndarray:
-    """omega' from (4), K' omega + K omega' = M_dot, of a cone of one material.
+    """Return omega' from (4), K' omega + K omega' = M_dot, for a cone of one material.
 
     M_dot is the sum over the cables of (9b) in the local frame, of -T t_c x t and of
     -T dt_c/ds x (u - u_c), where u - u_c = -r, t_c = e_t + omega x r + r' and the derivative of a
@@ -90,7 +90,7 @@ def omega_rate(
 
 
 def jump(arm: Arm, tensions: np.ndarray, number: int) -> np.ndarray:
-    """Change of omega by (11) at the anchorage of section ``number``, counted from the tip."""
+    """Return the jump of omega by (11) at the anchorage of section ``number`` from the tip."""
     section = arm.sections[number - 1]
     t1, t2, t3, t4 = tensions[number - 1]
     b, bending = section.offset_anchorage, stiffness(arm, section.anchorage)[1]
@@ -101,7 +101,7 @@ def jump(arm: Arm, tensions: np.ndarray, number: int) -> np.ndarray:
 def strains(
     arm: Arm, tensions: np.ndarray, active: int, s: float, omega: np.ndarray | None = None
 ) -> np.ndarray:
-    """Strains tau, xi, k and q: ``omega``, or that of (8a) with (3a), and q = N / EA of (9a)."""
+    """Return tau, xi, k, q: ``omega`` or that of (8a) with (3a), and q = N / EA of (9a)."""
     r, slope = cables(arm, active, s)
     pull, rigid = pulls(arm, tensions, active), stiffness(arm, s)
     if omega is None:
@@ -115,7 +115,7 @@ def strains(
 def strain_functions(
     arm: Arm, tensions: np.ndarray, model: str
 ) -> list[tuple[float, float, Rates]]:
-    """Panels (start, stop, strains of s) from the base to the tip, each smooth."""
+    """Return smooth panels (start, stop, function from s to strains) from the base to the tip."""
     tensions = np.asarray(tensions, dtype=float)
     ends = {0.0, arm.length, *(section.anchorage for section in arm.sections)}
     panels: list[tuple[float, float, Rates]] = []
@@ -146,10 +146,10 @@ def strain_functions(
 def solve(
     arm: Arm, tensions: np.ndarray, model: str, stations: np.ndarray, base: Pose = Pose()
 ) -> Shape:
-    """Shape of the arm at ``stations``: (1) for t, n, b and the position, by an ODE solver."""
+    """Return the shape at ``stations``: (1) for t, n, b and the position, by an ODE solver."""
 
-    def rates(s: float, state: np.ndarray, of: Rates) -> np.ndarray:
-        tau, xi, k, q = of(s)
+    def rates(s: float, state: np.ndarray, strains_of: Rates) -> np.ndarray:
+        tau, xi, k, q = strains_of(s)
         t, n, b = state[3:].reshape(3, 3)
         frame_rate = np.concatenate([k * n - xi * b, -k * t + tau * b, xi * t - tau * n])
         return (1 + q) * np.concatenate([t, frame_rate])
@@ -157,7 +157,7 @@ def solve(
     axes = Rotation.from_quat(base.quaternion).as_matrix().T
     state = np.concatenate([base.position, axes.ravel()])
     states, at_stations = [], []
-    for start, stop, of in strain_functions(arm, tensions, model):
+    for start, stop, strains_of in strain_functions(arm, tensions, model):
         first = stations >= start if start == 0.0 else stations > start
         inside = stations[first & (stations <= stop)]
         solution = solve_ivp(
@@ -168,12 +168,12 @@ def solve(
             np.union1d(inside, stop),
             rtol=1e-10,
             atol=1e-11,
-            args=(of,),
+            args=(strains_of,),
         )
         assert solution.success
         state = solution.y[:, -1]
         states.append(solution.y[:, : inside.size])
-        at_stations += [of(s) for s in inside]
+        at_stations += [strains_of(s) for s in inside]
     position, axes = np.split(np.concatenate(states, axis=1).T, [3], axis=1)
     rotation = axes.reshape(-1, 3, 3).transpose(0, 2, 1)
     return Shape(position, rotation, np.array(at_stations))

@@ -1,11 +1,11 @@
-"""The physics of the model exact, stated and solved a second time, for the tests to compare with.
+"""Solve the model exact independently of the package, as a reference for tests.
 
-Nothing here uses the package but the numbers and profiles of an `Arm` and of its `Loads`. Where
-the package has closed forms, Newton's method and an integrator of its own, this has vectors, a
-sum over the fibres of a cross section, and SciPy's boundary value problems.
+Only the numbers and profiles of an `Arm` and its `Loads` are from the package. The package has
+closed forms, Newton's method and an integrator; this module has vectors, a sum over the fibres of
+a cross section, and SciPy's solver of boundary value problems.
 
-A strain is (kappa, v): rotation of the frame and motion of the midline per reference length, in
-the axes t, n, b, as (4, nodes) without shear and (6, nodes) with it; kappa = (1 + q) omega.
+A strain is (kappa, v): rotation of the frame and displacement of the midline per reference length
+in the axes t, n, b, (4, nodes) without shear and (6, nodes) with it; kappa = (1 + q) omega.
 """
 
 import numpy as np
@@ -17,11 +17,11 @@ from octo_arm_model import Arm, Backbone, Loads
 
 
 def disc(rings: int = 24, spokes: int = 64) -> tuple[np.ndarray, np.ndarray]:
-    """Fibres of the unit disc: places (3, fibres) and areas (fibres,)."""
+    """Return fibres of the unit disc: positions (3, fibres) and areas (fibres,)."""
     points, weights = np.polynomial.legendre.leggauss(rings)
     radius, weights = (points + 1) / 2, weights / 2
     angle = 2 * np.pi * (np.arange(spokes) + 0.5) / spokes
-    place = np.stack(
+    positions = np.stack(
         [
             np.zeros((rings, spokes)),
             np.outer(radius, np.cos(angle)),
@@ -29,14 +29,14 @@ def disc(rings: int = 24, spokes: int = 64) -> tuple[np.ndarray, np.ndarray]:
         ]
     )
     area = np.outer(weights * radius, np.full(spokes, 2 * np.pi / spokes))
-    return place.reshape(3, -1), area.ravel()
+    return positions.reshape(3, -1), area.ravel()
 
 
 PLACES, AREAS = disc()
 
 
 class Cut:
-    """Cross sections of an arm at ``s`` (nodes,), all in one panel with ``active`` sections."""
+    """Cross sections of an arm at ``s`` (nodes,) in a panel with ``active`` sections."""
 
     def __init__(
         self, arm: Arm, s: np.ndarray, active: int, tensions: np.ndarray, law: str = 'linear'
@@ -53,21 +53,21 @@ class Cut:
 
     @property
     def scale(self) -> tuple[np.ndarray, np.ndarray]:
-        """Scales of moment and force, (nodes,): sums of tensions and of their moments."""
+        """Scales of moment and force (nodes,): sums of tensions and of their moments."""
         force = self.pulls.sum() + 1e-4 * self.young * self.area
         lever = np.maximum(self.radius, np.linalg.norm(self.r, axis=0).max(axis=0, initial=0))
         return force * lever, force
 
     def _tendons(self, strain: np.ndarray, width: np.ndarray) -> np.ndarray:
-        """Motion u of the tendons per reference length, (3, tendons, ..., nodes)."""
-        middle = strain[3:]
-        middle = np.concatenate([middle, np.zeros((6 - len(strain), *strain.shape[1:]))])
+        """Return tangents u of the tendons per reference length, (3, tendons, ..., nodes)."""
+        midline = strain[3:]
+        midline = np.concatenate([midline, np.zeros((6 - len(strain), *strain.shape[1:]))])
         shape = (3, -1, *(1,) * (strain.ndim - 2), self.radius.size)
         r, slope = self.r.reshape(shape), self.slope.reshape(shape)
-        return middle[:, np.newaxis] + width * (cross(strain[:3, np.newaxis], r) + slope)
+        return midline[:, np.newaxis] + width * (cross(strain[:3, np.newaxis], r) + slope)
 
     def energy(self, strain: np.ndarray) -> np.ndarray:
-        """Energy per reference length of ``strain`` (n, ..., nodes), complex numbers included."""
+        """Return the energy per length of a real or complex ``strain`` (n, ..., nodes)."""
         kappa, stretch = strain[:3], strain[3]
         if self.is_rubber:  # incompressible, E = 3 mu: the sum over fibres stretched by l
             width, shape = stretch**-0.5, (-1, *(1,) * (strain.ndim - 1))
@@ -87,27 +87,27 @@ class Cut:
         return value + (pulls * lengths).sum(axis=0)
 
     def resultants(self, strain: np.ndarray) -> np.ndarray:
-        """Moment and force (n, ..., nodes) of the section and its tendons together.
+        """Return moment and force (n, ..., nodes) of the section with its tendons.
 
-        The gradient of the energy by complex steps, which are exact to rounding.
+        They are the gradient of the energy, by complex steps that are exact to rounding.
         """
         size = len(strain)
         steps = 1e-30j * np.eye(size).reshape(size, size, *(1,) * (strain.ndim - 1))
         return self.energy(strain[:, np.newaxis] + steps).imag / 1e-30
 
     def balance(self, wrench: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Strain (n, nodes) in balance with ``wrench`` (n, nodes): Newton's method."""
+        """Return the strain (n, nodes) in balance with ``wrench``, by Newton's method."""
         strain, (moment, force), twists = start.copy(), self.scale, len(start) - 3
         scale = np.stack([moment] * 3 + [force] * twists) + np.abs(wrench)
         unit = np.stack([1e-7 / self.radius] * 3 + [np.full(self.radius.shape, 1e-7)] * twists)
         moves = unit * np.eye(len(start))[:, :, np.newaxis]
         for _ in range(60):
-            found = self.resultants(strain)
-            if (np.abs(found - wrench) <= 1e-12 * scale).all():
+            resultants = self.resultants(strain)
+            if (np.abs(resultants - wrench) <= 1e-12 * scale).all():
                 return strain
-            moved = self.resultants(strain[:, np.newaxis] + moves) - found[:, np.newaxis]
-            matrix, left = (moved / unit).transpose(2, 0, 1), (wrench - found).T
-            step = np.linalg.solve(matrix, left[..., np.newaxis])[..., 0].T
+            changes = self.resultants(strain[:, np.newaxis] + moves) - resultants[:, np.newaxis]
+            matrix, residual = (changes / unit).transpose(2, 0, 1), (wrench - resultants).T
+            step = np.linalg.solve(matrix, residual[..., np.newaxis])[..., 0].T
             strain = strain + np.minimum(1.0, 0.5 * strain[3] / (np.abs(step[3]) + 1e-300)) * step
         raise AssertionError(f'no balance of a cross section with {wrench}')
 
@@ -120,27 +120,28 @@ def imbalance(
     force: np.ndarray = np.zeros(3),
     moment: np.ndarray = np.zeros(3),
 ) -> float:
-    """What is left at station ``i`` of a section, its tendons and what acts beyond, relative."""
+    """Return the relative residual at station ``i`` of a section with the wrench from beyond."""
     cut = Cut(arm, backbone.s[i], int(backbone.section[i]), backbone.tendon_tensions[i], law)
     stretch = 1 + backbone.q[i]
     omega = np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]])
-    answer = cut.resultants(np.append(stretch * omega, stretch)[:, np.newaxis])[:, 0]
-    axes, (of_moment, of_force) = Rotation.from_quat(backbone.quaternion[i]).as_matrix(), cut.scale
+    resultants = cut.resultants(np.append(stretch * omega, stretch)[:, np.newaxis])[:, 0]
+    axes = Rotation.from_quat(backbone.quaternion[i]).as_matrix()
+    moment_scale, force_scale = cut.scale
     return max(
-        np.abs(axes.T @ moment - answer[:3]).max() / (of_moment[0] + np.abs(moment).max()),
-        abs(axes[:, 0] @ force - answer[3]) / (of_force[0] + np.abs(force).max()),
+        np.abs(axes.T @ moment - resultants[:3]).max() / (moment_scale[0] + np.abs(moment).max()),
+        abs(axes[:, 0] @ force - resultants[3]) / (force_scale[0] + np.abs(force).max()),
     )
 
 
 def least_strain(
     arm: Arm, tensions: np.ndarray, s: float, law: str, shear: bool = False
 ) -> np.ndarray:
-    """Strain (4,) or (6,) of least energy at ``s``: in balance, as tensions grow from rest."""
+    """Return the strain (4,) or (6,) of least energy at ``s``, followed from zero tensions."""
     cut, size = Cut(arm, np.array([s]), active_at(arm, s), tensions, law), 6 if shear else 4
     rest = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])[:size, np.newaxis]
-    strain, whole = rest, cut.pulls
-    for part in np.linspace(0.1, 1.0, 10):
-        cut.pulls = part * whole
+    strain, tensions_of_cables = rest, cut.pulls
+    for factor in np.linspace(0.1, 1.0, 10):
+        cut.pulls = factor * tensions_of_cables
         strain = cut.balance(0.0 * rest, strain)
     moves = 1e-3 * np.random.default_rng(0).normal(size=(size, 100, 1))
     moves[:3] /= cut.radius
@@ -157,10 +158,10 @@ def loaded_bvp(
     shear: bool = False,
     tol: float = 1e-8,
 ) -> Shape:
-    """Shape of an arm of one section and the linear law, under a tip wrench, weight and buoyancy.
+    """Solve an arm of one section and the linear law under a tip wrench, weight and buoyancy.
 
-    At the stations of the shape ``start``, near which it is searched. The unknowns are position,
-    quaternion and moment; the force is known, as all loads are dead.
+    Return the shape at the stations of the first guess ``start``. The unknowns are position,
+    quaternion and moment; the force is known, because all loads are dead.
     """
     size, warm = 6 if shear else 4, dict[int, np.ndarray]()
     rest = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])[:size]
@@ -175,23 +176,23 @@ def loaded_bvp(
         weight = (arm.material.density - loads.fluid_density) * beyond
         force = np.array(loads.tip_force)[:, np.newaxis] + np.outer(loads.gravity, weight)
         local = [np.einsum('ijn,in->jn', axes, wrench) for wrench in (y[7:], force)]
-        nearby = warm.get(s.size, np.tile(rest[:, np.newaxis], s.size))
-        strain = warm[s.size] = cut.balance(np.concatenate(local)[:size], nearby)
+        first_strain = warm.get(s.size, np.tile(rest[:, np.newaxis], s.size))
+        strain = warm[s.size] = cut.balance(np.concatenate(local)[:size], first_strain)
         forward = np.zeros((3, s.size))
         forward[: size - 3] = strain[3:]
         velocity = np.einsum('ijn,jn->in', axes, forward)
         kappa, (vector, scalar) = strain[:3], (y[3:6], y[6])
         turn = [scalar * kappa + cross(vector, kappa), [-(vector * kappa).sum(axis=0)]]
         return np.concatenate(
-            [velocity, *(0.5 * np.array(one) for one in turn), -cross(velocity, force)]
+            [velocity, *(0.5 * np.array(part) for part in turn), -cross(velocity, force)]
         )
 
     def borders(first: np.ndarray, last: np.ndarray) -> np.ndarray:
         start_pose = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
         return np.concatenate([first[:7] - start_pose, last[7:] - loads.tip_moment])
 
-    known = np.column_stack([start.position, start.quaternion, 0.0 * start.position]).T
-    solution = solve_bvp(rates, borders, start.s, known, tol=tol, bc_tol=1e-12, max_nodes=4000)
+    guess = np.column_stack([start.position, start.quaternion, 0.0 * start.position]).T
+    solution = solve_bvp(rates, borders, start.s, guess, tol=tol, bc_tol=1e-12, max_nodes=4000)
     assert solution.success, solution.message
-    found = solution.sol(start.s)
-    return Shape(found[:3].T, axes_of(found[3:7]).transpose(2, 0, 1), np.zeros((0, 4)))
+    result = solution.sol(start.s)
+    return Shape(result[:3].T, axes_of(result[3:7]).transpose(2, 0, 1), np.zeros((0, 4)))

@@ -1,4 +1,4 @@
-"""Arms, loads and node values that the tests of the rod share."""
+"""Arms, loads and node values for the tests of the rod."""
 
 import dataclasses
 import math
@@ -31,7 +31,7 @@ from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.rod import Rod, Setting
 
-# A cone with two sections of tendons that wind around it and converge towards the tip.
+# A cone with two sections of helical tendons that converge towards the tip.
 RUBBER = Material(1.1e5, 0.45, 1080.0)
 CONE = Body(0.4, 0.015, 0.006)
 HELICES = (
@@ -41,12 +41,12 @@ HELICES = (
 
 
 def helical_arm(material: Material = RUBBER, **given: Any) -> Arm:
-    """Six tendons in two sections, with the other fields of `Arm` as ``given``."""
+    """Return an arm with six tendons in two sections, and other fields of `Arm` as ``given``."""
     return Arm(material, CONE, HELICES, **given)
 
 
 HELICAL = helical_arm()
-# Tensions that bend it far [N].
+# Tensions with large bending [N].
 PULL = np.array([[0.3, 0.6, 0.1], [1.0, 0.4, 1.5]])
 EVERYTHING = Loads(
     gravity=(0.0, 3.0, -5.0),
@@ -61,7 +61,7 @@ METAL = Arm(
     Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
     tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2)),
 )
-# Of rubber, with two tendons on either side.
+# A rubber cylinder with a tendon on either side.
 UNIFORM = Arm(
     Material(1e5, 0.5, 1000.0),
     Body(0.45, 0.01, 0.01),
@@ -70,7 +70,7 @@ UNIFORM = Arm(
 WRENCH = np.array([0.01, 0.02, -0.01, 1e-4, -2e-4, 1e-4])
 TENSIONS = PULL.ravel()
 SHEATHED = dataclasses.replace(HELICAL, sheath_stiffness=(3e5, 0.0, 1e6, 4e5, 5e5, 6e5))
-# A tapered strip bent and twisted at rest, whose tendons run outside it through discs.
+# A tapered strip, bent and twisted at rest, with tendons outside it.
 STRIP = RectangularBody(HELICAL.length, Linear(0.02, 0.01, HELICAL.length), 0.006, 0.02)
 BENT = RestShape(
     Table((0.0, 0.2, HELICAL.length), (4.0, -6.0, 2.0)), 5.0, Linear(-3.0, 2.0, HELICAL.length)
@@ -93,13 +93,13 @@ CASES: dict[str, tuple[Arm, Setting]] = {
 
 
 def rod_of(name: str, loads: Loads = EVERYTHING, compiled: bool = False) -> Rod:
-    """The rod of a case."""
+    """Return the rod of a case of `CASES`."""
     arm, setting = CASES[name]
     return Rod(arm, loads, setting=setting._replace(compiled=compiled))
 
 
 def twists_at(s: FloatArray, strains: int) -> FloatArray:
-    """Smooth twists (n, strains) that are no equilibrium."""
+    """Return smooth twists (n, strains) that are not in equilibrium."""
     z = np.zeros((s.size, strains))
     z[:, 0] = 2.0 * np.sin(6.0 * s)
     z[:, 1] = 3.0 - 8.0 * s
@@ -111,38 +111,38 @@ def twists_at(s: FloatArray, strains: int) -> FloatArray:
 
 
 def tendon_points(arm: Arm, shape: Backbone) -> FloatArray:
-    """Where the tendons are at every station, (tendons, stations, 3) [m]."""
+    """Return the positions of the tendons at every station, (tendons, stations, 3) [m]."""
     axes = Rotation.from_quat(shape.quaternion).as_matrix()
-    away = np.einsum('sxa,ajs->jsx', axes[..., 1:], arm.tendon_offsets(shape.s))
-    return np.asarray(shape.position + away)
+    offsets = np.einsum('sxa,ajs->jsx', axes[..., 1:], arm.tendon_offsets(shape.s))
+    return np.asarray(shape.position + offsets)
 
 
 def forms() -> list[ModuleType]:
-    """The forms of the node functions that can be imported."""
-    found: list[ModuleType] = [arrays]
+    """Return the modules of node functions that can be imported."""
+    modules: list[ModuleType] = [arrays]
     try:
         from octo_arm_model.rod import loops
     except ModuleNotFoundError:
-        return found
-    return [*found, loops]
+        return modules
+    return [*modules, loops]
 
 
 def energy(dynamics: Dynamics, state: MotionState) -> float:
-    """Of an arm of the linear law with slack tendons, and of the water that it moves [J]."""
+    """Return the energy of an arm of the linear law with slack tendons, and of its water [J]."""
     solver, s, weights = dynamics.solver, dynamics.nodes.s, dynamics.nodes.weights
     area = np.pi * solver.arm.body.radius(s) ** 2
-    second = area**2 / (4.0 * np.pi)
+    second_moment = area**2 / (4.0 * np.pi)
     mass = solver.arm.material.density * area
     displaced = solver.loads.fluid_density * area
     material = solver.arm.material
     young, shear = material.youngs_modulus_at(s), material.shear_modulus_at(s)
     t, n, b, stretch = state.twist[0].T
-    density = young * area * (stretch - 1.0) ** 2 + young * second * (n * n + b * b)
-    density += 2.0 * shear * second * t * t
-    place, velocity = state.place[:2].reshape(2, -1, 4, 3)
-    v, along = velocity[:, 0], (velocity[:, 0] * place[:, 1]).sum(axis=1)
+    density = young * area * (stretch - 1.0) ** 2 + young * second_moment * (n * n + b * b)
+    density += 2.0 * shear * second_moment * t * t
+    frames, velocity = state.place[:2].reshape(2, -1, 4, 3)
+    v, axial = velocity[:, 0], (velocity[:, 0] * frames[:, 1]).sum(axis=1)
     density += mass * (v * v).sum(axis=1)
     density += mass * area / (4.0 * np.pi) * (velocity[:, 2:] ** 2).sum(axis=(1, 2))
-    density += dynamics.properties.added_mass * displaced * ((v * v).sum(axis=1) - along**2)
-    density -= 2.0 * (mass - displaced) * (place[:, 0] @ np.array(solver.loads.gravity))
+    density += dynamics.properties.added_mass * displaced * ((v * v).sum(axis=1) - axial**2)
+    density -= 2.0 * (mass - displaced) * (frames[:, 0] @ np.array(solver.loads.gravity))
     return float(0.5 * weights @ density)

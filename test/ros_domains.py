@@ -1,8 +1,8 @@
-"""ROS domains, each reserved on this machine by the process that asks for it.
+"""Reserve ROS domains on this machine for a process.
 
-No process of another worker, run or checkout is in a reserved domain. A socket without a file
-stands for each domain: whoever has bound its name has the domain, at most until it ends. Such
-names are seen from where the ports of DDS are seen, which differ by domain.
+No process of another worker, run or checkout uses a reserved domain. Each domain has an abstract
+Unix socket; the process that has bound its name owns the domain, at most until it ends. These
+names are visible in the same network namespace as the ports of DDS.
 """
 
 import contextlib
@@ -12,15 +12,15 @@ import os
 import socket
 from collections.abc import Iterator
 
-_NAME = '\0octo_arm_model ROS domain {}'  # on Linux a name that begins so is that of no file
-_LARGEST = 100  # beyond it the ports of DDS are among those that Linux hands out
-# A domain that was released is not the next to be reserved.
+_NAME = '\0octo_arm_model ROS domain {}'  # the leading 0 makes an abstract name on Linux
+_LARGEST = 100  # larger domains have ports in the ephemeral range of Linux
+# Counts on, so that a released domain is not the next one to be reserved.
 _turn = itertools.count(7 * os.getpid())
 _of_this_file: list[socket.socket] = []
 
 
 def _reserve() -> tuple[int, socket.socket]:
-    """A domain that nobody has, and what has to be closed to release it.
+    """Reserve a free domain; return it with the socket that releases it when closed.
 
     Raises:
         RuntimeError: if all are reserved.
@@ -41,20 +41,20 @@ def _reserve() -> tuple[int, socket.socket]:
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
-    """A ROS domain that is reserved within the context."""
+    """Reserve a ROS domain for the context."""
     domain, mark = _reserve()
     with mark:
         yield domain
 
 
 def new_domain() -> int:
-    """A ROS domain that is reserved to the end of the test file, or of this process."""
+    """Reserve a ROS domain until the end of the test file, or of this process."""
     domain, mark = _reserve()
     _of_this_file.append(mark)
     return domain
 
 
 def release() -> None:
-    """Give back what `new_domain` has reserved, at the end of a test file."""
+    """Release the domains of `new_domain`, at the end of a test file."""
     while _of_this_file:
         _of_this_file.pop().close()

@@ -5,30 +5,30 @@ from hypothesis import strategies as st
 
 from octo_arm_model import Arm, Body, Material, Section
 
-# Of three tendons [N], sequences of them, and times [s].
+# Tensions of three tendons [N], sequences of them, and times [s].
 tensions = st.lists(st.floats(0.0, 50.0), min_size=3, max_size=3).map(np.array)
 commands = st.lists(tensions, min_size=1, max_size=8)
 times = st.floats(1e-3, 100.0)
 
 MODEL_NAMES = ('renda2012', 'closed_form')
-# Largest tensions of the paper on each arm [N], by section: Tables 1, 3 and 5; what the paper
-# pulled in Figure 8 is not printed, so the tip of that arm is compressed like that of Figure 15.
+# Largest tensions of the paper on each arm [N], by section: Tables 1, 3 and 5. The paper does not
+# state those of Figure 8, for which the tip is compressed like that of Figure 15.
 PAPER_SIZE = {0.3: (0.3,), 0.27: (3.95,), 0.31: (1.75, 4.0, 13.0), 0.45: (0.5, 4.0, 13.0)}
 
 
 def fractions(low: float = 0.0, high: float = 1.0) -> st.SearchStrategy[float]:
-    """Plain numbers from ``low`` to ``high``."""
+    """Draw numbers from ``low`` to ``high`` that are not subnormal."""
     return st.floats(low, high, allow_subnormal=False)
 
 
 @st.composite
 def arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
-    """Arms of 0.1 to 1 m, slender like the paper's, their tendons anywhere inside the body."""
+    """Draw arms of 0.1 to 1 m, slender like the paper's, with tendons anywhere in the body."""
     length = draw(fractions(0.1, 1.0))
     radius_base = length * draw(fractions(0.03, 0.08))
     body = Body(length, radius_base, radius_base * draw(fractions(0.12, 1.0)))
     count = draw(st.integers(1, max_sections))
-    # Gaps between anchorages; the first, beyond the last anchorage, may be nothing.
+    # Gaps between anchorages; the first one, beyond the last anchorage, may be 0.
     gaps = [draw(fractions(0.0, 0.5)) * draw(st.integers(0, 1))]
     gaps += [draw(fractions(0.2, 1.0)) for _ in range(count)]
     anchorages = length * (1.0 - np.cumsum(gaps)[:-1] / np.sum(gaps))
@@ -45,11 +45,11 @@ def arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
 
 
 def scaled(arm: Arm, scale: float) -> Arm:
-    """The same arm, ``scale`` times as large."""
+    """Return ``arm`` with all lengths times ``scale``."""
     body = arm.body
     sections = tuple(
-        Section(*(scale * np.array([one.anchorage, one.offset_base, one.offset_anchorage])))
-        for one in arm.sections
+        Section(*(scale * np.array([part.anchorage, part.offset_base, part.offset_anchorage])))
+        for part in arm.sections
     )
     sizes = scale * np.array([body.length, body.radius_base, body.radius_tip])
     return Arm(arm.material, Body(*sizes), sections)
@@ -57,15 +57,15 @@ def scaled(arm: Arm, scale: float) -> Arm:
 
 @st.composite
 def extreme_arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
-    """Extreme valid arms: tendons on the midline or the surface, thin tips."""
+    """Draw extreme valid arms: tendons on the midline or the surface, thin tips."""
     length = draw(fractions(0.1, 1.0))
     radius_base = length * draw(fractions(0.03, 0.08))
     body = Body(length, radius_base, radius_base * 10.0 ** draw(fractions(-3.0, 0.0)))
     parts = draw(st.lists(fractions(0.2, 0.9), max_size=max_sections - 1))
     anchorages = [length, *(length * np.cumprod(parts)).tolist()]
-    share = st.sampled_from([0.0, 1.0]) | fractions()
+    fraction = st.sampled_from([0.0, 1.0]) | fractions()
     sections = tuple(
-        Section(s, radius_base * draw(share), float(body.radius(s)) * draw(share))
+        Section(s, radius_base * draw(fraction), float(body.radius(s)) * draw(fraction))
         for s in anchorages
     )
     return Arm(Material(draw(fractions(1e4, 1e6)), draw(fractions(0.0, 0.5))), body, sections)
@@ -73,9 +73,9 @@ def extreme_arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
 
 @st.composite
 def tensions_for(draw: st.DrawFn, arm: Arm, load: float = 0.35) -> np.ndarray:
-    """Tensions that alone compress a section by at most ``load`` at its own anchorage.
+    """Draw tensions that compress each section by at most ``load`` at its anchorage.
 
-    The paper's are of this size: 36 % in section 1 of Figure 15, 31 % in section 3.
+    The paper has 36 % in section 1 of Figure 15 and 31 % in section 3.
     """
     rows = []
     for section in arm.sections:
@@ -88,6 +88,6 @@ def tensions_for(draw: st.DrawFn, arm: Arm, load: float = 0.35) -> np.ndarray:
 
 @st.composite
 def loaded_arms(draw: st.DrawFn, max_sections: int = 4) -> tuple[Arm, np.ndarray]:
-    """An arm and tensions for it."""
+    """Draw an arm and tensions for it."""
     arm = draw(arms(max_sections))
     return arm, draw(tensions_for(arm))

@@ -1,4 +1,4 @@
-"""A synthetic record of an arm that is touched, with few messages."""
+"""A simulated recording of an arm with a contact force, with few messages."""
 
 import functools
 import tempfile
@@ -13,18 +13,18 @@ from octo_arm_model.bags.outputs import TOUCH_DIRECTION, Experiment, add_demo, c
 from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.config.parameter_files import load_parameters
 
-# Hypothesis has no fixtures that last for all examples.
+# Fixtures of pytest do not last for all examples of Hypothesis.
 _FOLDER = tempfile.TemporaryDirectory()
 PARAMETERS = {**load_parameters('renda2012_prototype'), 'stations': 31}
 FORCE = 0.02
 PUSH = FORCE * np.array(TOUCH_DIRECTION)
 HOLD, RAMP = 2.0, 0.5
-TOUCHED = 4 * (HOLD + RAMP) + np.array([0.1875, 0.8125]) * HOLD  # of the full force [s]
+TOUCHED = 4 * (HOLD + RAMP) + np.array([0.1875, 0.8125]) * HOLD  # times of the full force [s]
 MARKERS = (0.09, 0.18)
 
 
 def touched(**changes: Any) -> Experiment:
-    given = {
+    defaults = {
         'stiffness': 1.0,
         'touch': FORCE,
         'hold': HOLD,
@@ -36,11 +36,11 @@ def touched(**changes: Any) -> Experiment:
         'dropped': 0.0,
         'outliers': 0.0,
     }
-    return Experiment(**{**given, **changes})
+    return Experiment(**{**defaults, **changes})
 
 
 def record(path: Path, **changes: Any) -> Path:
-    """A bag of `touched` at ``path``."""
+    """Write a bag of `touched` to ``path``."""
     experiment = touched(**changes)
     with BagWriter(path, custom=custom_data(experiment)) as writer:
         add_demo(writer, PARAMETERS, experiment)
@@ -49,5 +49,5 @@ def record(path: Path, **changes: Any) -> Path:
 
 @functools.cache
 def touched_bag() -> Path:
-    """The same for as long as the tests run, with markers at `MARKERS`."""
+    """Return a bag with markers at `MARKERS`, which lasts as long as the process."""
     return record(Path(_FOLDER.name) / 'touched', markers=MARKERS)

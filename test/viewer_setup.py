@@ -1,4 +1,4 @@
-"""Node, simulator and viewer, for tests that come as a page to the viewer."""
+"""Run node, simulator and viewer for tests of the viewer."""
 
 import contextlib
 import re
@@ -14,15 +14,15 @@ from octo_arm_model.ros.simulator.main import SimulatorNode
 
 
 class Setup:
-    """Node and simulator, a viewer as a process, and a client that hears what they say."""
+    """Node, simulator, a viewer as a process, and a client that receives their messages."""
 
     def __init__(self):
         self.domain = new_domain()
         self.node = self._start(OctoArmNode)
         self._simulator = self._start(SimulatorNode, rate=10.0)
-        # Its port is taken already, so it has to look for another.
-        with socket.create_server(('127.0.0.1', 0)) as taken:
-            self.port = taken.getsockname()[1]
+        # The port is occupied, so that the viewer has to find another one.
+        with socket.create_server(('127.0.0.1', 0)) as occupied:
+            self.port = occupied.getsockname()[1]
             self.viewer = start(
                 'viewer.main', '--port', self.port, domain=self.domain, PYTHONUNBUFFERED='1'
             )
@@ -34,15 +34,15 @@ class Setup:
         self.client.listen({**POSES, **DETAILS})
 
     def _start(self, make_node, **parameters):
-        """A node that works until what is returned is closed."""
+        """Run a node until the returned stack is closed."""
         with contextlib.ExitStack() as stack:
-            given = {'client': RosClient, 'domain': self.domain, **parameters}
-            client = stack.enter_context(hosting(make_node, **given))
+            arguments = {'client': RosClient, 'domain': self.domain, **parameters}
+            client = stack.enter_context(hosting(make_node, **arguments))
             stack.enter_context(spinning(client))
             return stack.pop_all()
 
     def tensions(self):
-        """The newest that the node answered."""
+        """Return the newest tensions that the node has answered."""
         self.client.poll()
         return self.client.tensions
 
@@ -54,9 +54,9 @@ class Setup:
             time.sleep(PERIOD)
 
     def close(self):
-        """End what still runs of it; returns what the viewer complained of."""
+        """End all programs and return the viewer's stderr."""
         rclpy.try_shutdown(context=self.context)
-        said = stop(self.viewer) if self.viewer.returncode is None else ''
+        stderr = stop(self.viewer) if self.viewer.returncode is None else ''
         self._simulator.close()
         self.node.close()
-        return said
+        return stderr

@@ -1,10 +1,10 @@
-"""Hexahedra of a round, tapered arm: the disc as a mapped square, times layers along s.
+"""Mesh a round, tapered arm with hexahedra: a square mapped to the disc, times layers along s.
 
-Layers are as thick as the arm is there, or a given part of it. A point of the arm has *reference
-coordinates* (X, Y, layer): (X, Y) in the square [-1, 1]^2 is what `to_disc` lays into the unit
-disc, and the layers are numbered from the base. In them every element is a prism with straight
-sides, so that points are found there; the elements themselves are curved, quadratic in all
-directions. The axes are x = t, y = n and z = b of the base.
+The thickness of a layer is a given fraction of the arm's radius there. A point of the arm has
+*reference coordinates* (X, Y, layer): `to_disc` maps (X, Y) in the square [-1, 1]^2 to the unit
+disc, and layers are numbered from the base. In reference coordinates the elements are prisms with
+straight sides, in which points are located. In space they are curved, quadratic in all directions.
+The axes are x = t, y = n and z = b of the base.
 """
 
 from __future__ import annotations
@@ -19,106 +19,106 @@ from skfem import Basis, ElementHex1, ElementHex2, FacetBasis, MeshHex, MeshHex2
 from octo_arm_model import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
 
-# Half the side of the square that stays one, in the unit disc: its corners are clear of the rim.
+# Half the side of the inner square in the unit disc: its corners stay inside the rim.
 _CORE = 0.45
-_RINGS_FROM = 0.5  # |X| or |Y| where the rings around it begin
+_RINGS_FROM = 0.5  # |X| or |Y| at which the rings around the inner square begin
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Numbers of elements.
+    """Density of the elements.
 
     Attributes:
-        across: elements from the midline to a side of the inner square, and of the rings around
+        across: elements from the midline to a side of the inner square, and number of rings around
             it; a whole section has 12 across^2 elements.
-        along: layers in a length of one radius, wherever that is.
+        along: layers per length of the local radius.
     """
 
     across: int
     along: float
 
     def __str__(self) -> str:
-        """Short name."""
+        """Return a short name."""
         return f'{self.across}x{self.along:g}'
 
 
 def to_disc(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Point of the unit disc for (X, Y)."""
+    """Map (X, Y) to the unit disc."""
     size = np.maximum(np.abs(x), np.abs(y))
-    over = 1.0 / np.where(size > 0.0, size, 1.0)
+    reciprocal = 1.0 / np.where(size > 0.0, size, 1.0)
     sideways = np.abs(x) >= np.abs(y)
-    # One of these is 1 in size, the other how far along its side the point is.
-    u, v = x * over, y * over
+    # On each side of the square one of these is 1 or -1, the other the position along the side.
+    u, v = x * reciprocal, y * reciprocal
     angle = np.where(sideways, 0.25 * np.pi * v, 0.25 * np.pi * u)
-    near, far = np.cos(angle), np.sin(angle)
-    round_x = np.where(sideways, np.sign(x) * near, far)
-    round_y = np.where(sideways, far, np.sign(y) * near)
-    part = np.clip((size - _RINGS_FROM) / (1.0 - _RINGS_FROM), 0.0, None)
-    core = _CORE * np.minimum(size / _RINGS_FROM, 1.0) * (1.0 - part)
-    return core * u + part * round_x, core * v + part * round_y
+    cosine, sine = np.cos(angle), np.sin(angle)
+    round_x = np.where(sideways, np.sign(x) * cosine, sine)
+    round_y = np.where(sideways, sine, np.sign(y) * cosine)
+    ring = np.clip((size - _RINGS_FROM) / (1.0 - _RINGS_FROM), 0.0, None)
+    core = _CORE * np.minimum(size / _RINGS_FROM, 1.0) * (1.0 - ring)
+    return core * u + ring * round_x, core * v + ring * round_y
 
 
 def from_disc(y: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(X, Y) of points of the unit disc, the inverse of `to_disc`."""
+    """Map points of the unit disc to (X, Y), the inverse of `to_disc`."""
     sideways = np.abs(y) >= np.abs(z)
-    near = np.where(sideways, np.abs(y), np.abs(z))
-    far = np.where(sideways, z, y)
-    # Along a side: core (1 - p) + p cos = near and core (1 - p) v + p sin = far, for v and p.
-    low, high = -np.ones_like(near), np.ones_like(near)
+    major = np.where(sideways, np.abs(y), np.abs(z))
+    minor = np.where(sideways, z, y)
+    # For v and p: core (1 - p) + p cos = major and core (1 - p) v + p sin = minor.
+    low, high = -np.ones_like(major), np.ones_like(major)
     for _ in range(60):
         v = 0.5 * (low + high)
-        part = np.clip((near - _CORE) / (np.cos(0.25 * np.pi * v) - _CORE), 0.0, None)
-        at = _CORE * (1.0 - part) * v + part * np.sin(0.25 * np.pi * v)
-        inside = near <= _CORE
-        at = np.where(inside, near * v, at)
-        low, high = np.where(at < far, v, low), np.where(at < far, high, v)
-    size = np.where(inside, near / _CORE * _RINGS_FROM, _RINGS_FROM + part * (1.0 - _RINGS_FROM))
+        ring = np.clip((major - _CORE) / (np.cos(0.25 * np.pi * v) - _CORE), 0.0, None)
+        trial = _CORE * (1.0 - ring) * v + ring * np.sin(0.25 * np.pi * v)
+        is_core = major <= _CORE
+        trial = np.where(is_core, major * v, trial)
+        low, high = np.where(trial < minor, v, low), np.where(trial < minor, high, v)
+    size = np.where(is_core, major / _CORE * _RINGS_FROM, _RINGS_FROM + ring * (1.0 - _RINGS_FROM))
     along, across = np.where(sideways, y, z), size * v
     along = np.copysign(size, along)
     return np.where(sideways, along, across), np.where(sideways, across, along)
 
 
 def _section(count: int, half: bool) -> tuple[FloatArray, IntArray]:
-    """Corners (2, points) of the quadrilaterals (4, quads) of a section, in (X, Y)."""
+    """Return points (2, points) in (X, Y) and the quadrilaterals (4, quads) between them."""
     inner = np.linspace(-_RINGS_FROM, _RINGS_FROM, 2 * count + 1)
     lattices = [list(np.meshgrid(inner, inner[count:] if half else inner, indexing='ij'))]
     side = np.linspace(-1.0, 1.0, 2 * count + 1)
-    # Rings on the sides towards +X, +Y, -X and -Y: half, all, half and none in half a section.
+    # Rings towards +X, +Y, -X and -Y; half a section has half, all, half and none of them.
     sides = [side[count:], side, side[: count + 1]] if half else [side] * 4
-    for turn, part in enumerate(sides):
-        x, y = np.meshgrid(np.linspace(_RINGS_FROM, 1.0, count + 1), part, indexing='ij')
+    for quarter, positions in enumerate(sides):
+        x, y = np.meshgrid(np.linspace(_RINGS_FROM, 1.0, count + 1), positions, indexing='ij')
         y = x * y
-        for _ in range(turn):
+        for _ in range(quarter):
             x, y = -y, x
         lattices.append([x, y])
     corners = np.concatenate([_quads(np.stack(lattice)) for lattice in lattices], axis=2)
     # Points shared by lattices are merged.
-    points, where = np.unique(np.round(corners.reshape(2, -1), 12), axis=1, return_inverse=True)
-    return points, where.reshape(4, -1)
+    points, indices = np.unique(np.round(corners.reshape(2, -1), 12), axis=1, return_inverse=True)
+    return points, indices.reshape(4, -1)
 
 
 def _quads(lattice: FloatArray) -> FloatArray:
-    """The four corners, around each, of what a ``lattice`` (2, n, m) encloses, (2, 4, quads)."""
+    """Return the corners (2, 4, quads) of the cells of a ``lattice`` (2, n, m)."""
     low, high = slice(None, -1), slice(1, None)
     around = ((low, low), (high, low), (high, high), (low, high))
     return np.stack([lattice[:, i, j].reshape(2, -1) for i, j in around], axis=1)
 
 
 class ArmMesh:
-    """Elements of an arm, with the quadratic displacement and linear pressure that live on them.
+    """Elements of an arm with bases for quadratic displacements and linear pressures.
 
     Attributes:
         planes: arc coordinates of the layers' faces [m], (layers + 1,).
-        displacement: basis of the displacement, on the curved elements.
-        pressure: basis of the pressure, at the same quadrature points.
-        nodes, corners: places of displacements and of pressures [m], (3, n).
-        layer: of every element, (elements,).
-        discs: which layers are discs.
+        displacement: basis of the displacements on the curved elements.
+        pressure: basis of the pressures at the same quadrature points.
+        nodes, corners: points of the displacements and of the pressures [m], (3, n).
+        layer: number of the layer of each element, (elements,).
+        discs: numbers of the layers that are discs.
         half: whether this is the half z >= 0 of an arm that is symmetric about z = 0.
     """
 
     def __init__(self, arm: Arm, mesh: Mesh, half: bool, disc: float = 0.0) -> None:
-        """Fill ``arm``; where ``disc`` is not 0, a layer so thick [m] ends at every anchorage."""
+        """Mesh ``arm``; ``disc`` is the thickness of discs that end at anchorages, or 0 [m]."""
         self.half, self._arm = half, arm
         self.planes, self.discs = _planes(arm, mesh.along, disc)
         points, quads = _section(mesh.across, half)
@@ -140,12 +140,12 @@ class ArmMesh:
         self.layer = np.repeat(np.arange(layers), quads.shape[1])
 
     def place(self, reference: FloatArray) -> FloatArray:
-        """Places [m] of points given in ``reference`` coordinates (3, n)."""
+        """Map ``reference`` coordinates (3, n) to points [m]."""
         s = np.interp(reference[2], np.arange(self.planes.size), self.planes)
         return np.stack([s, *(self._arm.body.radius(s) * np.array(to_disc(*reference[:2])))])
 
     def at(self, points: FloatArray, pressure: bool = False) -> csr_matrix:
-        """Matrix that takes values at the nodes (or the corners) to ``points`` (3, n) [m]."""
+        """Return the matrix that interpolates values at nodes or corners at ``points`` (3, n)."""
         s, *across = points
         layer = np.interp(s, self.planes, np.arange(self.planes.size))
         x, y = from_disc(*(across / self._arm.body.radius(s)))
@@ -154,11 +154,11 @@ class ArmMesh:
         return basis.probes(np.concatenate([inside, layer[np.newaxis]])).tocsr()
 
     def face(self, s: float) -> tuple[IntArray, FloatArray, FloatArray]:
-        """The plane at ``s`` [m], which must be one between layers.
+        """Return the finite elements of the plane between layers that is nearest to ``s`` [m].
 
         Returns:
-            Nodes of the elements on one side of it, (faces, functions); their functions at the
-            quadrature points of the plane, (functions, faces, points); area about each [m^2].
+            Nodes of the elements on one side (faces, functions); their functions at the quadrature
+            points of the plane (functions, faces, points); area of each of these points [m^2].
         """
         straight = self._straight[0].mesh
         plane = float(np.argmin(np.abs(self.planes - s)))
@@ -172,7 +172,7 @@ class ArmMesh:
 
 
 def _planes(arm: Arm, along: float, disc: float) -> tuple[FloatArray, IntArray]:
-    """Planes between layers [m], (layers + 1,), and which layers are discs."""
+    """Return the planes between layers [m], (layers + 1,), and the numbers of the discs."""
     fine = np.linspace(0.0, arm.length, 2001)
     in_radii = cumulative_trapezoid(1.0 / arm.body.radius(fine), fine, initial=0.0)
     parts, discs, start = [np.zeros(1)], [], 0.0

@@ -1,8 +1,8 @@
-"""The cases: arms of the paper, tensions, meshes and variants.
+"""Define the cases: arms of the paper, tensions, meshes and variants.
 
-The paper prints neither the tensions of its Figure 8 nor how wide sheaths and how thick discs are.
-The arm of 5.1 is pulled until its tip has turned by 260 degrees. Sheaths are 2 mm wide where there
-is room for them, less where the wall around them is thin or tendons are close to each other.
+The paper states neither the tensions of its Figure 8 nor the dimensions of sheaths and discs. The
+highest tension of the arm of 5.1 turns its tip by 260 degrees. Sheaths have a diameter of 2 mm, or
+less where the wall around them is thin or tendons are close to each other.
 """
 
 from __future__ import annotations
@@ -24,20 +24,21 @@ _STUDY = ((_WIDE, BASIC), (_LONG, BASIC))
 
 @dataclass(frozen=True)
 class Case:
-    """An arm, its loads, and how they are computed.
+    """An arm with its loads, meshes and variants.
 
     Attributes:
         name: short name.
         preset: name of the arm's parameter file.
-        pulled: numbers of the pulled tendons.
-        tensions: their tensions in every load [N], (loads, pulled).
-        contact: how tendons, discs and base hold the rubber.
-        meshes: the loads are followed on the first, and solved from there on the others.
-        result: the mesh the models are compared with.
-        pairs: meshes whose difference bounds the error across and along the arm.
-        varied: the loads of the variants.
-        variants: what else is computed.
-        basis: the mesh of the variants.
+        pulled: numbers of the tendons under tension.
+        tensions: tensions of these tendons in each load [N], (loads, pulled).
+        contact: constraints by tendons, discs and base.
+        meshes: on the first, loads are followed from the unloaded arm; its solutions are the first
+            guesses on the others.
+        result: mesh with which the models are compared.
+        pairs: meshes whose differences bound the discretisation error across and along the arm.
+        varied: numbers of the loads of the variants.
+        variants: changes of `Contact` or of poisson_ratio, by name.
+        basis: mesh of the variants.
     """
 
     name: str
@@ -54,7 +55,7 @@ class Case:
 
     @property
     def arm(self) -> Arm:
-        """The arm."""
+        """Load the arm."""
         return load_config(preset_path(self.preset)).arm
 
 
@@ -107,12 +108,12 @@ TABLE_3 = Case(
 CASES = (SECTION_5_1, PROTOTYPE, TABLE_3)
 
 
-def coarse(case: Case) -> Case:
-    """The same with two coarse meshes and the first two varied loads, in about a minute."""
-    picked = case.varied[:2]
+def coarse_case(case: Case) -> Case:
+    """Return ``case`` with two coarse meshes and two loads, which takes about a minute."""
+    loads = case.varied[:2]
     return dataclasses.replace(
         case,
-        tensions=tuple(case.tensions[i] for i in picked),
+        tensions=tuple(case.tensions[i] for i in loads),
         meshes=(_SHORT, BASIC),
         result=BASIC,
         pairs=((BASIC, _SHORT),),

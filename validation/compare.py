@@ -1,6 +1,6 @@
-"""A case solved with finite elements, and the models compared with it.
+"""Solve a case with finite elements and compare the models with it.
 
-Lengths of the answer are in mm, errors in % of the arm's length.
+Lengths in the results are in mm, errors in % of the arm's length.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ MODELS: dict[str, tuple[str, str]] = {  # name of the model and of its elastic l
 
 
 def run_case(case: Case, report: Report) -> dict[str, Any]:
-    """Compute ``case`` on all its meshes and with all its variants, and compare.
+    """Solve ``case`` on all its meshes and with all its variants, and compare the models with it.
 
     Raises:
-        SolveError: if a load is not reached.
+        SolveError: if a load has no solution.
     """
     arms: dict[Mesh, ElasticArm] = {}
     shapes: dict[Mesh, list[SolidShape]] = {}
     for mesh in case.meshes:
-        tell = _telling(report, f'{case.name}, mesh {mesh}')
+        report_mesh = _report_with_prefix(report, f'{case.name}, mesh {mesh}')
         arms[mesh] = ElasticArm(case.arm, mesh, case.pulled, case.contact)
-        # From the finest solution so far; the first is followed from the unloaded arm.
+        # Solutions on the mesh of the variants, or on the first one, are the guesses.
         nearest = case.basis if case.basis in shapes else case.meshes[0]
-        known = shapes.get(nearest, [])
-        guesses = [arms[mesh].guess(arms[nearest], shape.state) for shape in known]
-        shapes[mesh] = list(arms[mesh].follow(case.tensions, tell, guesses))
+        solutions = shapes.get(nearest, [])
+        guesses = [arms[mesh].guess(arms[nearest], shape.state) for shape in solutions]
+        shapes[mesh] = list(arms[mesh].follow(case.tensions, report_mesh, guesses))
     models = solve_models(case, case.tensions)
     result = shapes[case.result]
-    uncertain = np.sum([_apart(shapes[a], shapes[b]) for a, b in case.pairs], axis=0)
+    mesh_error = np.sum([_tip_distances(shapes[a], shapes[b]) for a, b in case.pairs], axis=0)
     return {
         'arm': case.preset,
         'tendons': [case.arm.tendon_names[number] for number in case.pulled],
@@ -56,19 +56,20 @@ def run_case(case: Case, report: Report) -> dict[str, Any]:
             str(mesh): {
                 'elements': arms[mesh].mesh.layer.size,
                 'unknowns': arms[mesh].solid.size,
-                'tips_mm': [_rounded(1e3 * shape.tip) for shape in found],
-                'volume_ratios': [_rounded(shape.volume) for shape in found],
+                'tips_mm': [_round(1e3 * shape.tip) for shape in found],
+                'volume_ratios': [_round(shape.volume) for shape in found],
                 'residual': max(float(f'{shape.residual:.0e}') for shape in found),
             }
             for mesh, found in shapes.items()
         },
-        'mesh_error_percent': _percent(case, uncertain),
+        'mesh_error_percent': _percent(case, mesh_error),
         'tip_error_percent': {
-            name: _percent(case, _apart(found, result)) for name, found in models.items()
+            name: _percent(case, _tip_distances(backbones, result))
+            for name, backbones in models.items()
         },
         'tip_direction_error_deg': {
-            name: [round(_angle(b, s), 2) for b, s in zip(found, result)]
-            for name, found in models.items()
+            name: [round(_angle(b, s), 2) for b, s in zip(backbones, result)]
+            for name, backbones in models.items()
         },
         'variants': {
             name: _variant(
@@ -77,24 +78,24 @@ def run_case(case: Case, report: Report) -> dict[str, Any]:
                 arms[case.basis],
                 shapes[case.basis],
                 models,
-                _telling(report, f'{case.name}, {name}'),
+                _report_with_prefix(report, f'{case.name}, {name}'),
             )
             for name, change in case.variants.items()
         },
-        'midlines_mm': [_rounded(1e3 * shape.midline[::2]) for shape in result],
+        'midlines_mm': [_round(1e3 * shape.midline[::2]) for shape in result],
     }
 
 
 def solve_models(case: Case, tensions: Sequence[Sequence[float]]) -> dict[str, list[Backbone]]:
-    """Backbones of every model at each of ``tensions`` of the pulled tendons."""
+    """Return the backbones of each model at ``tensions`` (loads, pulled) [N]."""
     arm = case.arm
     sets = np.zeros((len(tensions), len(arm.tendons)))
     sets[:, case.pulled] = tensions
-    found = {}
+    backbones = {}
     for name, (model, law) in MODELS.items():
         solver = Solver(arm, model, _STATIONS, material=law)
-        found[name] = [solver.solve(each.reshape(arm.tension_shape)) for each in sets]
-    return found
+        backbones[name] = [solver.solve(each.reshape(arm.tension_shape)) for each in sets]
+    return backbones
 
 
 def _variant(
@@ -105,37 +106,37 @@ def _variant(
     models: dict[str, list[Backbone]],
     report: Report,
 ) -> dict[str, Any]:
-    """Displacement of the tip of the arm ``base`` by a ``change`` of the contact or of nu."""
+    """Compare ``case`` after a ``change`` of the contact or of nu with the case and the models."""
     arm, contact = case.arm, dict(change)
     if 'poisson_ratio' in contact:
         ratio = contact.pop('poisson_ratio')
         material = dataclasses.replace(arm.material, poisson_ratio=ratio)
         arm = dataclasses.replace(arm, material=material)
-    varied = ElasticArm(arm, case.basis, case.pulled, dataclasses.replace(case.contact, **contact))
+    solid = ElasticArm(arm, case.basis, case.pulled, dataclasses.replace(case.contact, **contact))
     before = [shapes[i] for i in case.varied]
-    guesses = [varied.guess(base, shape.state) for shape in before]
+    guesses = [solid.guess(base, shape.state) for shape in before]
     loads = [case.tensions[i] for i in case.varied]
-    found = list(varied.follow(loads, report, guesses))
+    after = list(solid.follow(loads, report, guesses))
     return {
         'loads': [list(load) for load in loads],
-        'tip_change_percent': _percent(case, _apart(found, before)),
+        'tip_change_percent': _percent(case, _tip_distances(after, before)),
         'tip_error_percent': {
-            model: _percent(case, _apart([backbones[i] for i in case.varied], found))
+            model: _percent(case, _tip_distances([backbones[i] for i in case.varied], after))
             for model, backbones in models.items()
         },
     }
 
 
-def _telling(report: Report, what: str) -> Report:
-    return lambda line: report(f'{what}: {line}')
+def _report_with_prefix(report: Report, prefix: str) -> Report:
+    return lambda line: report(f'{prefix}: {line}')
 
 
-def _apart(
-    some: Sequence[Backbone | SolidShape], others: Sequence[Backbone | SolidShape]
+def _tip_distances(
+    shapes: Sequence[Backbone | SolidShape], others: Sequence[Backbone | SolidShape]
 ) -> FloatArray:
-    """Distances of the tips [m]."""
-    apart = [np.linalg.norm(a.tip - b.tip) for a, b in zip(some, others, strict=True)]
-    return np.array(apart, dtype=np.float64)
+    """Return the distances between the tips [m]."""
+    distances = [np.linalg.norm(a.tip - b.tip) for a, b in zip(shapes, others, strict=True)]
+    return np.array(distances, dtype=np.float64)
 
 
 def _percent(case: Case, lengths: FloatArray) -> list[float]:
@@ -143,11 +144,11 @@ def _percent(case: Case, lengths: FloatArray) -> list[float]:
 
 
 def _angle(backbone: Backbone, shape: SolidShape) -> float:
-    """Between the tangents of the two tips [deg]."""
+    """Return the angle between the tangents of the two tips [deg]."""
     x, y, z, w = backbone.quaternion[-1]
     tangent = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
     return float(np.rad2deg(np.arccos(np.clip(tangent @ shape.rotation[:, 0], -1.0, 1.0))))
 
 
-def _rounded(values: Any) -> Any:
+def _round(values: Any) -> Any:
     return np.round(np.asarray(values, dtype=float), 4).tolist()

@@ -1,14 +1,13 @@
-"""How often intervals of ``octo-arm identify`` hold the truth, over simulated laboratories.
+"""Measure how often intervals of ``octo-arm identify`` contain the truth, by simulation.
 
     python validation/laboratories.py LABS [--first N] [--only KIND ...]
 
-The arm is the prototype, of another Young's modulus in every laboratory: its shape depends on
-tension over modulus alone. Its shapes are those of a model, so that one is right, or
-those of three-dimensional finite elements (`results.json`), so that none is. Each
-laboratory pulls the first tendon up and down in steps, through sheaths whose friction takes 2 to
-6 % of the tension while it rises and adds as much while it falls. Load cells have noise and an
-offset, which a deadband hides where the tendon is slack; the camera has noise, loses a fifth of
-its frames and is not where it was thought to be, so that its pose is fitted as well.
+Each laboratory has a prototype with another Young's modulus; its shape depends only on the ratio
+of tension to modulus. The true shapes come from a model, so that this model is right, or from
+finite elements (`results.json`), so that every model is wrong. The tension of the first tendon
+rises and falls in steps. Friction of the sheath reduces rising tensions by 2 to 6 % and increases
+falling ones by as much. Load cells have noise and an offset, which a deadband hides at slack
+tendons. The camera has noise, loses a fifth of its frames and has an unknown pose, fitted as well.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ FloatArray = NDArray[np.float64]
 FITS = ('youngs_modulus', 'alignment')
 DEADBAND = 0.01  # [N]
 _HOLD, _RAMP = 2.0, 0.5  # [s]
-# Of the remarks on a fit: why its intervals cannot hold the truth in 95 of 100 laboratories.
-_WHY_NOT = ('no step was reached by unloading', 'wider than 95 %')
-PULLED = np.array([1.09, 2.0, 2.6, 3.3, 3.95])  # [N] at the preset's modulus
+# Notes on a fit that warn of intervals with a coverage below 95 %.
+_WARNINGS = ('no step was reached by unloading', 'wider than 95 %')
+TENSIONS = np.array([1.09, 2.0, 2.6, 3.3, 3.95])  # [N] at the preset's modulus
 
 
 @dataclass(frozen=True)
@@ -47,16 +46,16 @@ class Kind:
     """A kind of laboratory.
 
     Attributes:
-        truth: what its arm's shapes are made with.
-        models: which are fitted.
-        friction: part of the tension that the sheaths take [-].
-        both_ways: whether steps go down again.
+        truth: model of the true shapes, or 'finite elements'.
+        models: fitted models.
+        friction: mean fraction of the tension that friction takes [-].
+        has_falling: whether the tension falls again.
     """
 
     truth: str
     models: tuple[str, ...]
     friction: float
-    both_ways: bool
+    has_falling: bool
 
 
 _PLAIN, _BOTH = ('closed_form',), ('closed_form', 'exact')  # renda2012 is closed_form here
@@ -70,10 +69,10 @@ KINDS = {
 
 
 class Truth:
-    """The prototype's midline by tension, between tensions for which it is known."""
+    """The prototype's midline as a function of the tension, by interpolation."""
 
     def __init__(self, name: str) -> None:
-        """By a model or 'finite elements'."""
+        """Compute midlines by the model ``name``, or load those of 'finite elements'."""
         self.parameters = load_parameters(preset_path('renda2012_prototype'))
         if name != 'finite elements':
             config = Config.from_parameters(self.parameters)
@@ -85,131 +84,135 @@ class Truth:
         else:
             path = Path(__file__).parent / 'results.json'
             case = json.loads(path.read_text(encoding='utf-8'))['cases']['prototype']
-            known = 1e-3 * np.array(case['midlines_mm'])
-            steps = np.linalg.norm(np.diff(known[0], axis=0), axis=1)
-            along = np.concatenate([[0.0], np.cumsum(steps)])
-            straight = np.zeros_like(known[0])
-            straight[:, 0] = along * float(self.parameters['body.length']) / along[-1]
+            midlines = 1e-3 * np.array(case['midlines_mm'])
+            steps = np.linalg.norm(np.diff(midlines[0], axis=0), axis=1)
+            arc = np.concatenate([[0.0], np.cumsum(steps)])
+            straight = np.zeros_like(midlines[0])
+            straight[:, 0] = arc * float(self.parameters['body.length']) / arc[-1]
             tensions = np.concatenate([[0.0], np.array(case['tensions_N'])[:, 0]])
-            lines = np.concatenate([straight[np.newaxis], known])
+            lines = np.concatenate([straight[np.newaxis], midlines])
         self._spline = CubicSpline(tensions, lines)
         self.highest = float(tensions[-1])
 
     def midline(self, tension: FloatArray) -> FloatArray:
-        """Midlines (..., points, 3) [m] under each ``tension`` [N] at the preset's modulus."""
+        """Return midlines (..., points, 3) [m] at ``tension`` [N] with the preset's modulus."""
         return np.asarray(self._spline(np.minimum(tension, self.highest)))
 
 
 def laboratory(arm: Truth, kind: Kind, seed: int) -> tuple[Recording, float]:
-    """What a laboratory records, and the true Young's modulus [Pa]."""
+    """Return the recording of a laboratory and its true Young's modulus [Pa]."""
     rng = np.random.default_rng(seed)
     factor = rng.uniform(0.85, 1.2)
-    levels = factor * PULLED * rng.uniform(0.9, 1.0)
-    held = np.concatenate([[0.0], levels, levels[-2::-1] if kind.both_ways else []])
+    levels = factor * TENSIONS * rng.uniform(0.9, 1.0)
+    held = np.concatenate([[0.0], levels, levels[-2::-1] if kind.has_falling else []])
     begins = np.arange(held.size) * (_HOLD + _RAMP)
     corners = np.stack([begins, begins + _HOLD], axis=1).ravel()
     time = np.arange(0.0, corners[-1], 0.02)
-    pulled = np.interp(time, corners, np.repeat(held, 2))
+    tensions = np.interp(time, corners, np.repeat(held, 2))
     readings = np.zeros((time.size, 4))
-    readings[:, 0] = pulled
+    readings[:, 0] = tensions
     readings += rng.uniform(-0.003, 0.003, 4) + 0.005 * rng.standard_normal(readings.shape)
     readings[np.abs(readings) <= DEADBAND] = 0.0
-    seen = np.arange(0.0, corners[-1], 0.1)
-    seen = seen[rng.random(seen.size) > 0.2]
-    # Up to the highest step friction takes, then it adds: half to one and a half times its mean.
-    sign = np.where(np.arange(held.size) <= PULLED.size, -1.0, 1.0)
-    passed = 1.0 + sign * kind.friction * rng.uniform(0.5, 1.5, held.size)
-    real = np.interp(seen, corners, np.repeat(held * passed, 2)) / factor
+    frames = np.arange(0.0, corners[-1], 0.1)
+    frames = frames[rng.random(frames.size) > 0.2]
+    # Friction is 0.5 to 1.5 times its mean: a loss up to the highest step, then a gain.
+    sign = np.where(np.arange(held.size) <= TENSIONS.size, -1.0, 1.0)
+    gain = 1.0 + sign * kind.friction * rng.uniform(0.5, 1.5, held.size)
+    effective = np.interp(frames, corners, np.repeat(held * gain, 2)) / factor
     camera = Alignment(rng.normal(0.0, 0.03, 3), rng.normal(0.0, 0.005, 3))
-    lines = camera.to_camera(arm.midline(real))
+    lines = camera.to_camera(arm.midline(effective))
     lines += 5e-4 * rng.standard_normal(lines.shape)
     young = factor * float(arm.parameters['material.youngs_modulus'])
     return Recording(
-        arm.parameters, time, np.maximum(readings, 0.0), seen, tuple(lines), 'camera'
+        arm.parameters, time, np.maximum(readings, 0.0), frames, tuple(lines), 'camera'
     ), young
 
 
 def shapes_of(recording: Recording) -> Observations:
-    """The steady steps of a ``recording`` whose clocks agree."""
+    """Return the steady steps of a ``recording`` with synchronous clocks."""
     rule = SteadyRule(None, 1.0, 0.5)
     return observe(recording, Pairing(rule, offset=0.0, base_end='first'))
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What identify says of a laboratory.
+    """Result of identify in a laboratory.
 
     Attributes:
-        model: the best.
-        error: of its Young's modulus, relative to the truth [-].
-        reach: half its 95 % interval, relative to the truth [-].
-        holds: whether this interval holds the truth.
-        together_hold: whether those of all models near the best together do.
-        told: whether models disagree, in words.
-        warned: whether it is said why the interval cannot hold 95 %: friction that is seen, or
-            that nothing could show.
+        model: best model.
+        error: relative error of its Young's modulus [-].
+        half_width: half of its 95 % interval, relative to the truth [-].
+        contains: whether this interval contains the truth.
+        envelope_contains: whether the envelope of the intervals of all good models contains it.
+        disagree: whether identify reports that models disagree.
+        warned: whether identify warns of a coverage below 95 %, as with friction.
     """
 
     model: str
     error: float
-    reach: float
-    holds: bool
-    together_hold: bool
-    told: bool
+    half_width: float
+    contains: bool
+    envelope_contains: bool
+    disagree: bool
     warned: bool
 
 
 def outcome(arm: Truth, kind: Kind, seed: int, loss: str = AUTO) -> Outcome:
-    """What is fitted to the laboratory ``seed`` of a ``kind``, by a ``loss`` of identify."""
+    """Identify the arm in the laboratory ``seed`` of a ``kind``, with a ``loss`` of identify."""
     recording, young = laboratory(arm, kind, seed)
     shapes = shapes_of(recording).shapes
-    fitted = [identify(shapes, arm.parameters, model, FITS, loss=loss) for model in kind.models]
-    best, together = best_of(fitted), envelope_of(fitted, 'youngs_modulus')
+    fits = [identify(shapes, arm.parameters, model, FITS, loss=loss) for model in kind.models]
+    best, envelope = best_of(fits), envelope_of(fits, 'youngs_modulus')
     estimate = best.estimates['youngs_modulus']
-    assert estimate.value is not None and estimate.interval95 is not None and together is not None
+    assert estimate.value is not None and estimate.interval95 is not None and envelope is not None
     low, high = estimate.interval95
     return Outcome(
         best.model,
         estimate.value / young - 1.0,
         0.5 * (high - low) / young,
         low <= young <= high,
-        together[0] <= young <= together[1],
-        bool(disagreements(fitted)),
-        any(words in note for note in best.notes for words in _WHY_NOT),
+        envelope[0] <= young <= envelope[1],
+        bool(disagreements(fits)),
+        any(words in note for note in best.notes for words in _WARNINGS),
     )
 
 
 def main() -> None:
-    """Print a line for each laboratory, and the coverage of each kind."""
+    """Print a row for each laboratory, and the coverage for each kind."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('labs', type=int, help='laboratories of each kind')
-    parser.add_argument('--first', type=int, default=0, help='seed of the first')
+    parser.add_argument('labs', type=int, help='number of laboratories of each kind')
+    parser.add_argument('--first', type=int, default=0, help='seed of the first laboratory')
     parser.add_argument('--only', nargs='+', choices=KINDS, default=list(KINDS))
     parser.add_argument(
-        '--loss', choices=(AUTO, *LOSSES), default=AUTO, help='one of both takes half the time'
+        '--loss',
+        choices=(AUTO, *LOSSES),
+        default=AUTO,
+        help='loss of the fit; auto takes twice the time',
     )
     options = parser.parse_args()
+    print('kind; seed; best model; error of E; half 95 % interval; interval contains E; ', end='')
+    print('envelope contains E; models disagree; warning of low coverage')
     for name in options.only:
-        arm, seen = Truth(KINDS[name].truth), []
+        arm, outcomes = Truth(KINDS[name].truth), []
         for seed in range(options.first, options.first + options.labs):
-            seen.append(one := outcome(arm, KINDS[name], seed, options.loss))
+            outcomes.append(each := outcome(arm, KINDS[name], seed, options.loss))
             print(
-                f'{name}; {seed}; {one.model}; {100.0 * one.error:+.2f} %; '
-                f'+-{100.0 * one.reach:.2f} %; {one.holds}; {one.together_hold}; {one.told}; '
-                f'{one.warned}',
+                f'{name}; {seed}; {each.model}; {100.0 * each.error:+.2f} %; '
+                f'+-{100.0 * each.half_width:.2f} %; {each.contains}; {each.envelope_contains}; '
+                f'{each.disagree}; {each.warned}',
                 flush=True,
             )
         shares = [
-            100.0 * np.mean([getattr(one, field) for one in seen])
-            for field in ('holds', 'together_hold', 'told', 'warned')
+            100.0 * np.mean([getattr(each, field) for each in outcomes])
+            for field in ('contains', 'envelope_contains', 'disagree', 'warned')
         ]
-        error = 100.0 * np.mean([one.error for one in seen])
-        reach = 100.0 * np.median([one.reach for one in seen])
+        error = 100.0 * np.mean([each.error for each in outcomes])
+        half_width = 100.0 * np.median([each.half_width for each in outcomes])
         print(
-            f'{name}: intervals hold the truth in {shares[0]:.1f} % of {len(seen)}, all near '
-            f'models together in {shares[1]:.1f} %; models disagree in {shares[2]:.1f} %; it is '
-            f'said why not 95 % in {shares[3]:.1f} %; E is off by {error:+.2f} % on average, '
-            f'half an interval is {reach:.2f} %',
+            f'{name}: in {len(outcomes)} laboratories intervals contain E in {shares[0]:.1f} %, '
+            f'envelopes of good models in {shares[1]:.1f} %; models disagree in {shares[2]:.1f} '
+            f'%; warnings of low coverage in {shares[3]:.1f} %; mean error of E {error:+.2f} %, '
+            f'median half interval {half_width:.2f} %',
             flush=True,
         )
 

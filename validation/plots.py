@@ -1,4 +1,4 @@
-"""Pictures of the comparison: shapes, errors over tension, convergence of the meshes."""
+"""Draw the comparison: shapes, errors over tension and convergence of the meshes."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ def _panels(cases: dict[str, Any], title: str, height: float = 5.2) -> tuple[Fig
 
 def _shapes(cases: dict[str, Any]) -> Figure:
     figure, panels = _panels(cases, 'Midlines: elements (grey, thick) and models', 3.9)
-    known = {case.name: case for case in CASES}
+    case_of_name = {case.name: case for case in CASES}
     for axes, (name, case) in zip(panels, cases.items()):
-        models = solve_models(known[name], case['tensions_N'])
-        # Across the arm: along n where the tendon lies there, else in the plane it bends in.
+        models = solve_models(case_of_name[name], case['tensions_N'])
+        # Horizontal axis t of the base, vertical axis in the plane of bending.
         ends = np.array(case['midlines_mm'])[:, -1, 1:]
-        way = ends[-1] / np.linalg.norm(ends[-1])
+        direction = ends[-1] / np.linalg.norm(ends[-1])
         for number, midline in enumerate(np.array(case['midlines_mm'])):
             axes.plot(
                 midline[:, 0],
-                midline[:, 1:] @ way,
+                midline[:, 1:] @ direction,
                 color='0.1',
                 lw=4.5,
                 alpha=0.45,
@@ -56,7 +56,7 @@ def _shapes(cases: dict[str, Any]) -> Figure:
                 path = 1e3 * backbones[number].position
                 axes.plot(
                     path[:, 0],
-                    path[:, 1:] @ way,
+                    path[:, 1:] @ direction,
                     _DASHES[model],
                     color=_COLOURS[model],
                     lw=1.2,
@@ -65,7 +65,7 @@ def _shapes(cases: dict[str, Any]) -> Figure:
             load = ', '.join(f'{t:.3g}' for t in case['tensions_N'][number])
             axes.annotate(
                 f'{load} N',
-                (midline[-1, 0], midline[-1, 1:] @ way),
+                (midline[-1, 0], midline[-1, 1:] @ direction),
                 textcoords='offset points',
                 xytext=(5, 2),
                 fontsize=8,
@@ -85,17 +85,17 @@ def _shapes(cases: dict[str, Any]) -> Figure:
 def _errors(cases: dict[str, Any]) -> Figure:
     figure, panels = _panels(cases, 'Distance of the tip of models from that of elements')
     for axes, (name, case) in zip(panels, cases.items()):
-        loads = _sizes(case['tensions_N'])
+        loads = _norms(case['tensions_N'])
         for model, errors in case['tip_error_percent'].items():
             axes.plot(
                 loads, errors, _DASHES[model], marker='o', ms=4, color=_COLOURS[model], label=model
             )
-        kept = case['variants'].get('tendon kept in its section')
-        if kept:
+        variant = case['variants'].get('tendon kept in its section')
+        if variant:
             for model in ('renda2012', 'exact'):
                 axes.plot(
-                    _sizes(kept['loads']),
-                    kept['tip_error_percent'][model],
+                    _norms(variant['loads']),
+                    variant['tip_error_percent'][model],
                     marker='x',
                     ls='none',
                     color=_COLOURS[model],
@@ -108,7 +108,7 @@ def _errors(cases: dict[str, Any]) -> Figure:
             case['mesh_error_percent'],
             color='0.5',
             alpha=0.5,
-            label='uncertain by the mesh',
+            label='error of the mesh',
         )
         axes.set(title=name, xlabel='tension [N]', ylabel='% of the length')
         axes.set_xlim(left=0.0)
@@ -120,17 +120,17 @@ def _errors(cases: dict[str, Any]) -> Figure:
 
 def _meshes(cases: dict[str, Any]) -> Figure:
     figure, panels = _panels(cases, 'Distance of the tip from that of the mesh with most unknowns')
-    known = {case.name: case for case in CASES}
+    case_of_name = {case.name: case for case in CASES}
     for axes, (name, case) in zip(panels, cases.items()):
-        length = 1e3 * known[name].arm.length
+        length = 1e3 * case_of_name[name].arm.length
         order = sorted(case['meshes'], key=lambda mesh: case['meshes'][mesh]['unknowns'])
         tips = np.array([case['meshes'][mesh]['tips_mm'] for mesh in order])
         unknowns = [case['meshes'][mesh]['unknowns'] for mesh in order]
-        away = 100.0 * np.linalg.norm(tips - tips[-1], axis=-1) / length
+        distances = 100.0 * np.linalg.norm(tips - tips[-1], axis=-1) / length
         for number, load in enumerate(case['tensions_N']):
             label = ', '.join(f'{t:.3g}' for t in load)
-            axes.loglog(unknowns[:-1], away[:-1, number], 'o-', label=f'{label} N')
-        for mesh, count, height in zip(order[:-1], unknowns, away.max(axis=1)):
+            axes.loglog(unknowns[:-1], distances[:-1, number], 'o-', label=f'{label} N')
+        for mesh, count, height in zip(order[:-1], unknowns, distances.max(axis=1)):
             axes.annotate(
                 mesh,
                 (count, height),
@@ -150,5 +150,5 @@ def _meshes(cases: dict[str, Any]) -> Figure:
     return figure
 
 
-def _sizes(tensions: list[list[float]]) -> list[float]:
+def _norms(tensions: list[list[float]]) -> list[float]:
     return [float(np.linalg.norm(load)) for load in tensions]

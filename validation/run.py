@@ -1,12 +1,12 @@
-"""The models against three-dimensional elasticity, as the paper did in its section 5.1.
+"""Compare the models with three-dimensional elasticity, as the paper's section 5.1 does.
 
-    python validation/run.py                   everything, twenty minutes or more
-    python validation/run.py --coarse          two coarse meshes, two loads an arm: a minute or two
-    python validation/run.py --out DIR         results.json and figures there, not beside this file
-    python validation/run.py --case prototype  only one arm; nothing is written but with --out
-    python validation/run.py --json            results on stdout as JSON instead of tables
+    python validation/run.py                   all arms: twenty minutes or more
+    python validation/run.py --coarse          two coarse meshes, two loads per arm: two minutes
+    python validation/run.py --out DIR         write results.json and figures to DIR
+    python validation/run.py --case prototype  one arm only; writes nothing without --out
+    python validation/run.py --json            print the results as JSON instead of tables
 
-Exit status: 0 done, 1 a check failed or a load was not reached.
+Exit status: 0 without errors, 1 if a check failed or a load has no solution.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from octo_arm_model import OctoArmError, __version__
 from octo_arm_model.terminal import StatusLine
 
 try:
-    from cases import CASES, coarse
+    from cases import CASES, coarse_case
     from compare import run_case
     from verify import checks
 except ModuleNotFoundError as error:
@@ -37,7 +37,7 @@ HERE = Path(__file__).parent
 
 
 class Progress(StatusLine):
-    """One line on stderr: the part, its load and residual, and the time since the start."""
+    """A line on stderr: case, load and residual, and the time since the start."""
 
     def __init__(self) -> None:
         """Start the clock."""
@@ -47,26 +47,26 @@ class Progress(StatusLine):
 
     @property
     def seconds(self) -> float:
-        """Since the start."""
+        """Time since the start [s]."""
         return time.monotonic() - self._start
 
     def __call__(self, line: str) -> None:
-        """Show ``line``, on a terminal over the last one."""
+        """Show ``line``; on a terminal it replaces the last one."""
         self.show(lambda: f'{self.seconds:6.0f} s  {self.part} {line}'[:98], always=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Compute, print and write; returns the exit status."""
+    """Run all cases, print and write the results; return the exit status."""
     options = _parser().parse_args(arguments)
     progress = Progress()
     progress('checks of the elements')
-    verified = checks()
-    picked = [case for case in CASES if options.case in (None, case.name)]
+    checked = checks()
+    selected = [case for case in CASES if options.case in (None, case.name)]
     cases = {}
     try:
-        for number, case in enumerate(picked, start=1):
-            progress.part = f'[{number}/{len(picked)}]'
-            cases[case.name] = run_case(coarse(case) if options.coarse else case, progress)
+        for number, case in enumerate(selected, start=1):
+            progress.part = f'[{number}/{len(selected)}]'
+            cases[case.name] = run_case(coarse_case(case) if options.coarse else case, progress)
     except OctoArmError as error:
         progress.leave()
         print(f'run.py: error: {error}', file=sys.stderr)
@@ -88,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 'tolerance': check.tolerance,
                 'passed': check.passed,
             }
-            for check in verified
+            for check in checked
         },
         'cases': cases,
     }
@@ -96,11 +96,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = options.out or (None if options.coarse or options.case else HERE)
     if folder:
         _write(folder, results)
-    return 0 if all(check.passed for check in verified) else 1
+    return 0 if all(check.passed for check in checked) else 1
 
 
 def tables(results: dict[str, Any]) -> str:
-    """What a person reads first."""
+    """Return the results as text."""
     lines = ['checks of the elements' + ' ' * 22 + 'found      expected     error']
     for what, check in results['checks'].items():
         mark = '' if check['passed'] else '  FAILED'
@@ -113,17 +113,18 @@ def tables(results: dict[str, Any]) -> str:
         loads = [' '.join(f'{t:.3g}' for t in load) for load in case['tensions_N']]
         lines.append(f'  {"tension [N]":30}' + ''.join(f'{load:>16}' for load in loads))
         rows = dict(case['tip_error_percent'])
-        rows['uncertain by the mesh'] = case['mesh_error_percent']
+        rows['error of the mesh'] = case['mesh_error_percent']
         lines += [f'  {row:30}' + ''.join(f'{x:16.2f}' for x in rows[row]) for row in rows]
-        lines.append('  what moves the tip of the elements, and what is then left to exact')
-        for variant, found in case['variants'].items():
-            at = {tuple(load): i for i, load in enumerate(found['loads'])}
-            cells = [at.get(tuple(load)) for load in case['tensions_N']]
-            moved, left = found['tip_change_percent'], found['tip_error_percent']['exact']
+        lines.append("  variants: change of the elements' tip / distance of exact from it")
+        for variant, result in case['variants'].items():
+            index_of = {tuple(load): i for i, load in enumerate(result['loads'])}
+            cells = [index_of.get(tuple(load)) for load in case['tensions_N']]
+            changes, errors = result['tip_change_percent'], result['tip_error_percent']['exact']
             lines.append(
                 f'  {variant:30}'
                 + ''.join(
-                    ' ' * 16 if i is None else f'{moved[i]:9.2f} / {left[i]:.2f}' for i in cells
+                    ' ' * 16 if i is None else f'{changes[i]:9.2f} / {errors[i]:.2f}'
+                    for i in cells
                 )
             )
     lines += ['', f'made by {results["made_by"]} in {results["minutes"]} minutes']
@@ -150,10 +151,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=about, epilog=examples, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument('--coarse', action='store_true', help='coarse meshes and few loads')
-    parser.add_argument('--case', choices=[case.name for case in CASES], help='only this arm')
-    parser.add_argument('--out', type=Path, metavar='DIR', help='folder to write to')
-    parser.add_argument('--json', action='store_true', help='JSON on stdout')
+    parser.add_argument('--coarse', action='store_true', help='use coarse meshes and few loads')
+    parser.add_argument('--case', choices=[case.name for case in CASES], help='run only this arm')
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder of the results')
+    parser.add_argument('--json', action='store_true', help='print JSON')
     return parser
 
 

@@ -1,12 +1,12 @@
-"""A nearly or wholly incompressible neo-Hookean solid, in displacement and pressure.
+"""Compute the energy of a nearly or wholly incompressible neo-Hookean solid.
 
-The energy is the integral of
+The energy in displacement and pressure is the integral of
 
     mu/2 (tr(F^T F) - 3) - mu ln J + p (J - 1) - p^2 / (2 lambda),    J = det F,
 
-stationary in both fields, with mu and lambda of the arm's E and nu. For nu = 0.5, where lambda is
-infinite, the pressure holds J at 1. Displacements are quadratic and pressures linear on hexahedra
-(Taylor and Hood), which do not lock.
+which is stationary in both fields, with mu and lambda from the arm's E and nu. For nu = 0.5 lambda
+is infinite and the pressure enforces J = 1. Displacements are quadratic and pressures linear on
+hexahedra (Taylor-Hood), which do not lock.
 """
 
 from __future__ import annotations
@@ -20,23 +20,22 @@ from scipy.sparse import csr_matrix
 from octo_arm_model import Material
 from octo_arm_model.arm.hints import FloatArray
 
-_CHUNK = 400  # elements at once, for memory
+_CHUNK = 400  # elements per batch, which bounds memory
 _ONE = np.eye(3)
 
 
 class Solid:
     """The elastic energy of an arm's elements.
 
-    The unknowns are x, y and z of the displacement of every node, node by node, then the pressures
-    at the corners.
+    The unknowns are the displacements x, y, z node by node, then the pressures at the corners.
 
     Attributes:
-        size: how many unknowns there are.
-        displacements: how many of them are displacements.
+        size: number of unknowns.
+        displacements: number of unknowns that are displacements.
     """
 
     def __init__(self, mesh: ArmMesh, material: Material, disc_factor: float) -> None:
-        """Elements of ``mesh``; those of its discs ``disc_factor`` times as stiff."""
+        """Tabulate the elements of ``mesh``; discs are ``disc_factor`` times as stiff."""
         nodes, corners = mesh.displacement, mesh.pressure
         self._count = nodes.N
         self.displacements = 3 * int(nodes.N)
@@ -55,22 +54,22 @@ class Solid:
         self._unknown = np.concatenate(unknowns, axis=1)
 
     def energy(self, state: FloatArray) -> float:
-        """Elastic energy [J] of ``state``; NaN where an element is inside out."""
+        """Return the elastic energy [J]; NaN if an element is inverted."""
         total = 0.0
         for part, f, j, p in self._parts(state):
             mu = self._mu[part]
-            stored = 0.5 * mu * (np.einsum('eijq,eijq->eq', f, f) - 3.0) - mu * np.log(j)
-            stored += p * (j - 1.0) - 0.5 * self._compliance[part] * p**2
-            total += float(np.sum(self._weight[part] * stored))
+            density = 0.5 * mu * (np.einsum('eijq,eijq->eq', f, f) - 3.0) - mu * np.log(j)
+            density += p * (j - 1.0) - 0.5 * self._compliance[part] * p**2
+            total += float(np.sum(self._weight[part] * density))
         return total
 
     def volume(self, state: FloatArray) -> tuple[float, float]:
-        """Least and greatest J of ``state``."""
+        """Return the smallest and the largest J."""
         j = np.concatenate([j.ravel() for _, _, j, _ in self._parts(state)])
         return float(j.min()), float(j.max())
 
     def gradient(self, state: FloatArray) -> FloatArray:
-        """Derivative of the energy with every unknown; NaN where an element is inside out."""
+        """Return the derivatives of the energy by the unknowns; NaN if an element is inverted."""
         gradient = np.zeros(self.size)
         for part, f, j, p in self._parts(state):
             inverse = _inverse_transpose(f, j)
@@ -82,7 +81,7 @@ class Solid:
         return gradient
 
     def hessian(self, state: FloatArray) -> csr_matrix:
-        """Second derivatives of the energy; symmetric and indefinite."""
+        """Return the second derivatives of the energy, a symmetric, indefinite matrix."""
         values = [self._local_hessian(*part) for part in self._parts(state)]
         width = self._unknown.shape[1]
         rows = np.repeat(self._unknown, width, axis=1).ravel()
@@ -92,7 +91,7 @@ class Solid:
     def _parts(
         self, state: FloatArray
     ) -> Iterator[tuple[slice, FloatArray, FloatArray, FloatArray]]:
-        """Batches of elements, with F, J and p at their quadrature points."""
+        """Yield batches of elements with F, J and p at their quadrature points."""
         displacement = state[: self.displacements].reshape(-1, 3)
         pressure = state[self.displacements :]
         for start in range(0, len(self._node), _CHUNK):
@@ -108,32 +107,32 @@ class Solid:
     def _stress(
         self, part: slice, f: FloatArray, inverse: FloatArray, j: FloatArray, p: FloatArray
     ) -> FloatArray:
-        """First Piola-Kirchhoff stress."""
+        """Return the first Piola-Kirchhoff stress."""
         return self._mu[part][:, None, None] * (f - inverse) + (p * j)[:, None, None] * inverse
 
     def _local_hessian(
         self, part: slice, f: FloatArray, j: FloatArray, p: FloatArray
     ) -> FloatArray:
-        """Second derivatives of the energy of some elements, (elements, unknowns, unknowns)."""
+        """Return second derivatives of energies, (elements, unknowns, unknowns)."""
         slope, weight, mu = self._slope[part], self._weight[part], self._mu[part]
         inverse = _inverse_transpose(f, j)
         count, functions = slope.shape[:2]
         # With g = F^-T grad: dP : grad = mu grad.grad + (mu - p J) g (x) g^T + p J g (x) g.
         g = np.einsum('eijq,eajq->eaiq', inverse, slope, optimize=True)
-        plain = slope * (weight * mu)[:, None, None]
-        turned = g * (weight * (mu - p * j))[:, None, None]
-        volume = g * (weight * p * j)[:, None, None]
+        mu_slope = slope * (weight * mu)[:, None, None]
+        geometric = g * (weight * (mu - p * j))[:, None, None]
+        volumetric = g * (weight * p * j)[:, None, None]
         width = 3 * functions
         local = np.zeros((count, width + 8, width + 8))
         shape = (count, functions, -1)
-        same = plain.reshape(shape) @ slope.reshape(shape).transpose(0, 2, 1)
+        diagonal = mu_slope.reshape(shape) @ slope.reshape(shape).transpose(0, 2, 1)
         for i in range(3):
             rows = slice(i * functions, (i + 1) * functions)
             for k in range(3):
                 columns = slice(k * functions, (k + 1) * functions)
-                block = turned[:, :, k] @ g[:, :, i].transpose(0, 2, 1)
-                block += volume[:, :, i] @ g[:, :, k].transpose(0, 2, 1)
-                local[:, rows, columns] = block + same if i == k else block
+                block = geometric[:, :, k] @ g[:, :, i].transpose(0, 2, 1)
+                block += volumetric[:, :, i] @ g[:, :, k].transpose(0, 2, 1)
+                local[:, rows, columns] = block + diagonal if i == k else block
             mixed = (g[:, :, i] * (weight * j)[:, None]) @ self._linear.T
             local[:, rows, width:] = mixed
             local[:, width:, rows] = mixed.transpose(0, 2, 1)
@@ -144,6 +143,6 @@ class Solid:
 
 
 def _inverse_transpose(f: FloatArray, j: FloatArray) -> FloatArray:
-    """F^-T, from the cross products of the rows of F."""
+    """Return F^-T from the cross products of the rows of F."""
     rows = [np.cross(f[:, (i + 1) % 3], f[:, (i + 2) % 3], axis=1) for i in range(3)]
     return np.stack(rows, axis=1) / j[:, None, None]

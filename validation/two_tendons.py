@@ -1,12 +1,12 @@
-"""A trajectory that other simulators are compared by, and its convergence.
+"""Compare a published trajectory of other simulators with ours, and check convergence.
 
     python validation/two_tendons.py
 
-SoRoMoX (github.com/tud-phi/soromox, paper_results/secIVa_benchmarking_sequential_cpu) lets an
-upright cylinder fall, too long to stand under its own weight, while two tendons are pulled by 1 N
-from the start, and has its tip by itself, by SoRoSim and by PyElastica. The first two have strains
-linear in each half of the arm; the third has shear, and damping of the velocity instead of
-viscosity.
+SoRoMoX (github.com/tud-phi/soromox, paper_results/secIVa_benchmarking_sequential_cpu) publishes
+the tip of a falling cylinder: upright, too long to stand under its own weight, with two tendons at
+1 N from the start. Its results are from SoRoMoX, SoRoSim and PyElastica. The first two have
+strains that are linear in each half of the arm; PyElastica has shear, and damps velocities instead
+of strain rates.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from octo_arm_model import (
 from octo_arm_model.arm.hints import FloatArray
 
 TIMES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
-# Of the tip at these, across in the plane of the fall and up [m].
+# Horizontal and vertical positions of the tip at `TIMES` in the plane of the fall [m].
 TIPS = {
     'SoRoMoX': (
         (0.0215, 0.5973),
@@ -59,12 +59,12 @@ TIPS = {
 }
 _HALF = math.sqrt(0.5)
 _UPRIGHT = Pose(quaternion=(0.0, -_HALF, 0.0, _HALF))
-_FIRST = 1e-5  # steps of the jump of tensions and weight [s]
-_FIRSTS = 10
+_FIRST = 1e-5  # time step after the jump of tensions and weight [s]
+_FIRSTS = 10  # number of these steps
 
 
 def dynamics(level: int, gravity: float) -> Dynamics:
-    """The cylinder."""
+    """Return the dynamics of the cylinder."""
     tendons = Section(0.6, 0.02, 0.02, (0.0, 0.5 * math.pi))
     arm = Arm(Material(1e6, density=1000.0), Body(0.6, 0.03, 0.03), (tendons,))
     solver = Solver(
@@ -79,34 +79,34 @@ def dynamics(level: int, gravity: float) -> Dynamics:
 
 
 def fall(level: int, step: float) -> FloatArray:
-    """Tip at `TIMES`, across and up, (6, 2) [m]."""
-    # It begins straight and without strain, which is an equilibrium without weight.
+    """Return the horizontal and vertical positions of the tip at `TIMES` (6, 2) [m]."""
+    # The straight arm without strain is the equilibrium without weight.
     state = dynamics(level, 0.0).at_rest(Inputs(np.zeros((1, 2))))
-    falling, pull, found = dynamics(level, 9.81), Inputs(np.ones((1, 2))), []
+    cylinder, pull, tips = dynamics(level, 9.81), Inputs(np.ones((1, 2))), []
     for _ in range(_FIRSTS):
-        state = falling.step(state, pull, _FIRST)
-    state = falling.step(state, pull, step - _FIRSTS * _FIRST)
-    each = round(TIMES[0] / step)
-    for number in range(2, len(TIMES) * each + 1):
-        state = falling.step(state, pull, step)
-        if number % each == 0:
-            x, y, z = falling.backbone(state).tip
-            found.append([float(np.hypot(x, y)), float(z)])
-    return np.array(found)
+        state = cylinder.step(state, pull, _FIRST)
+    state = cylinder.step(state, pull, step - _FIRSTS * _FIRST)
+    steps_per_time = round(TIMES[0] / step)
+    for number in range(2, len(TIMES) * steps_per_time + 1):
+        state = cylinder.step(state, pull, step)
+        if number % steps_per_time == 0:
+            x, y, z = cylinder.backbone(state).tip
+            tips.append([float(np.hypot(x, y)), float(z)])
+    return np.array(tips)
 
 
 def main() -> None:
-    """Print the distances from the finest solution."""
+    """Print the finest solution and the distances of the others from it."""
     finest = fall(2, 1e-3)
-    print(f'{"tip across, up [mm] at":31}', *(f'{time:>11.1f} s' for time in TIMES))
+    print(f'{"tip horizontal, vertical [mm]":31}', *(f'{time:>11.1f} s' for time in TIMES))
     print(f'{"finest":31}', *(f'{1e3 * x:6.1f} {1e3 * z:6.1f}' for x, z in finest))
-    others = {name: np.array(tips) for name, tips in TIPS.items()}
+    solutions = {name: np.array(tips) for name, tips in TIPS.items()}
     for level, step in ((0, 1e-2), (0, 5e-3), (0, 2e-3), (1, 2e-3)):
         nodes = dynamics(level, 0.0).nodes.s.size
-        others[f'{nodes} nodes, {1e3 * step:g} ms'] = fall(level, step)
-    for name, tips in others.items():
-        away = 1e3 * np.linalg.norm(tips - finest, axis=1)
-        print(f'{name + ", off by [mm]":31}', *(f'{one:13.3f}' for one in away))
+        solutions[f'{nodes} nodes, {1e3 * step:g} ms'] = fall(level, step)
+    for name, tips in solutions.items():
+        distances = 1e3 * np.linalg.norm(tips - finest, axis=1)
+        print(f'{name + ", distance [mm]":31}', *(f'{distance:13.3f}' for distance in distances))
 
 
 if __name__ == '__main__':

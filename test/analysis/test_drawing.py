@@ -1,4 +1,4 @@
-"""What is drawn: tubes and arrows of what is probable, colours of tensions, bases of arms."""
+"""Geometry to draw: bodies, tubes and arrows with probabilities, and self-intersection."""
 
 import dataclasses
 
@@ -45,34 +45,34 @@ def test_tendons_are_straight_between_discs():
         assert np.linalg.norm(np.cross(steps[0, 0], steps[1, 0])) > 1e-6 * arm.length**2
 
 
-def test_the_body_ends_within_the_tube_as_often_as_is_said():
-    given = np.stack([covariance(number, 1e-3) for number in range(21)])
-    tube = DRAWING.tube(SHAPE.position, SHAPE.quaternion, given)
+def test_tube_contains_the_body_with_the_stated_probability():
+    cov = np.stack([covariance(number, 1e-3) for number in range(21)])
+    tube = DRAWING.tube(SHAPE.position, SHAPE.quaternion, cov)
     rings = tube[:-2].reshape(-1, 21, 3)
     for station in (0, 7, 20):
-        moved = np.random.default_rng(1).multivariate_normal(np.zeros(3), given[station], COUNT)
+        samples = np.random.default_rng(1).multivariate_normal(np.zeros(3), cov[station], COUNT)
         for corner in rings[::4, station] - SHAPE.position[station]:
-            reach = np.linalg.norm(corner)
+            distance = np.linalg.norm(corner)
             radius = 1.03 * float(CONFIG.arm.body.radius(SHAPE.s[station]))
-            inside = np.abs(moved @ corner / reach) <= reach - radius
-            # Four standard errors of a share.
+            inside = np.abs(samples @ corner / distance) <= distance - radius
+            # Four standard errors of the share.
             assert inside.mean() == pytest.approx(
                 INSIDE, abs=4.0 * np.sqrt(INSIDE * (1.0 - INSIDE) / COUNT)
             )
 
 
-def test_the_cone_holds_as_much_of_the_directions_as_is_said():
-    given = covariance(3, 1e-3)
-    arrow = DRAWING.arrow(np.zeros(3), FORCE, given)
-    # Where the plane through its end cuts the probable forces, which are drawn to its scale.
+def test_cone_contains_the_directions_with_the_stated_probability():
+    cov = covariance(3, 1e-3)
+    arrow = DRAWING.arrow(np.zeros(3), FORCE, cov)
+    # The cone ends in the section of the plane at the arrow's end with the probable forces.
     scale = np.linalg.norm(arrow.end) / np.linalg.norm(FORCE)
     assert_allclose(arrow.end, scale * FORCE, rtol=1e-12)
-    along = FORCE / np.linalg.norm(FORCE)
+    axis = FORCE / np.linalg.norm(FORCE)
     rim = arrow.cone[:CORNERS] - arrow.end
-    assert_allclose(rim @ along, 0.0, atol=1e-12)
-    samples = np.random.default_rng(2).multivariate_normal(np.zeros(3), scale**2 * given, COUNT)
-    axes = np.linalg.svd(along[np.newaxis])[2][1:]
-    # A point is within an ellipse if it is within the linear image that makes that a circle.
+    assert_allclose(rim @ axis, 0.0, atol=1e-12)
+    samples = np.random.default_rng(2).multivariate_normal(np.zeros(3), scale**2 * cov, COUNT)
+    axes = np.linalg.svd(axis[np.newaxis])[2][1:]
+    # A linear map takes the ellipse to the unit circle.
     ellipse = rim @ axes.T
     basis = np.stack([ellipse[0], ellipse[CORNERS // 4]], axis=1)
     inside = np.linalg.norm(np.linalg.solve(basis, axes @ samples.T), axis=0) <= 1.0
@@ -81,41 +81,41 @@ def test_the_cone_holds_as_much_of_the_directions_as_is_said():
     )
 
 
-def test_a_force_that_may_be_none_has_no_arrow():
-    given = np.diag([0.01, 0.002, 0.004]) ** 2
-    assert DRAWING.arrow(np.zeros(3), 0.5 * FORCE, given) is None
-    assert DRAWING.arrow(np.zeros(3), 2.0 * FORCE, given) is not None
+def test_insignificant_force_has_no_arrow():
+    cov = np.diag([0.01, 0.002, 0.004]) ** 2
+    assert DRAWING.arrow(np.zeros(3), 0.5 * FORCE, cov) is None
+    assert DRAWING.arrow(np.zeros(3), 2.0 * FORCE, cov) is not None
 
 
-def test_arrows_grow_with_the_force_up_to_a_length_and_turn_with_it():
-    given = 1e-12 * np.eye(3)
+def test_arrow_grows_with_the_force_to_a_limit_and_rotates_with_it():
+    cov = 1e-12 * np.eye(3)
     lengths = [
-        np.linalg.norm(DRAWING.arrow(np.zeros(3), part * FORCE, given).end)
-        for part in (1.0, 2.0, 1e6)
+        np.linalg.norm(DRAWING.arrow(np.zeros(3), factor * FORCE, cov).end)
+        for factor in (1.0, 2.0, 1e6)
     ]
     assert lengths[1] == pytest.approx(2.0 * lengths[0])
     assert lengths[2] == pytest.approx(0.6 * CONFIG.arm.length)
-    turn = Rotation.from_rotvec([0.3, 1.0, -0.5])
+    rotation = Rotation.from_rotvec([0.3, 1.0, -0.5])
     start = np.array([0.1, 0.2, 0.3])
-    one = DRAWING.arrow(start, FORCE, given)
-    other = DRAWING.arrow(start, turn.apply(FORCE), given)
-    assert_allclose(turn.apply(one.end - start), other.end - start, atol=1e-12)
-    assert ARROW_TRIANGLES.max() == len(one.shaft) - 1
-    assert CONE_TRIANGLES.max() == len(one.cone) - 1
+    arrow = DRAWING.arrow(start, FORCE, cov)
+    rotated = DRAWING.arrow(start, rotation.apply(FORCE), cov)
+    assert_allclose(rotation.apply(arrow.end - start), rotated.end - start, atol=1e-12)
+    assert ARROW_TRIANGLES.max() == len(arrow.shaft) - 1
+    assert CONE_TRIANGLES.max() == len(arrow.cone) - 1
 
 
-def test_a_strip_is_drawn_with_its_corners():
+def test_strip_has_corners_and_the_volume_of_its_body():
     body = RectangularBody(0.3, 0.02, 0.006)
     solver = Solver(Arm(Material(1e5), body, (Section(0.3, 0.002, 0.002),)), 'exact', 2)
-    found = solver.solve(np.zeros((1, 4)))
+    shape = solver.solve(np.zeros((1, 4)))
     drawing = Drawing(solver.arm, solver.grid.s)
-    drawn = drawing.draw(found.position, found.quaternion, found.q)
+    drawn = drawing.draw(shape.position, shape.quaternion, shape.q)
     corners = drawn.vertices[:-2].reshape(-1, 2, 3)[::3, 1]
     assert_allclose(
         corners[:, 1:], [[0.01, 0.003], [-0.01, 0.003], [-0.01, -0.003], [0.01, -0.003]]
     )
     a, b, c = drawn.vertices[drawing.triangles].swapaxes(0, 1)
-    # Triangles anticlockwise from outside enclose the volume of the body.
+    # Triangles that are anticlockwise from outside enclose the volume of the body.
     volume = np.einsum('ij,ij->', a, np.cross(b, c)) / 6.0
     assert_allclose(volume, 0.3 * 0.02 * 0.006)
 
@@ -147,11 +147,11 @@ def arc(bend_radius, angle, stations=201):
         (0.8, 1.4 * np.pi, True),
     ],
 )
-def test_a_bend_does_that_is_tighter_than_the_body(wide, angle, does):
+def test_bend_tighter_than_the_body_overlaps(wide, angle, does):
     assert (overlap_of(arc(wide * RADIUS, angle))[0] is not None) == does
 
 
-def test_a_ring_does_unless_it_is_open_by_more_than_it_is_thick():
+def test_ring_overlaps_unless_its_gap_exceeds_its_thickness():
     gap = 2.0 * np.arcsin(1.05 * RADIUS / 0.05)
     assert overlap_of(arc(0.05, 2.0 * np.pi - gap))[0] is None
     assert overlap_of(arc(0.05, 2.0 * np.pi - 0.9 * gap))[0] is not None
@@ -163,8 +163,8 @@ def test_a_ring_does_unless_it_is_open_by_more_than_it_is_thick():
 
 
 @given(st.floats(0.0, 0.03), st.floats(0.3, 2.8), st.integers(0, 2**32 - 1))
-def test_crossing_parts_overlap_by_what_they_are_too_near(distance, angle, seed):
-    # Two straight parts that cross in their middles, joined far away.
+def test_depth_of_overlap_of_crossing_parts(distance, angle, seed):
+    # Two straight parts that cross at their middles, joined far away.
     along = np.array([np.cos(angle), np.sin(angle), 0.0])
     first = np.linspace([-0.2, 0, 0], [0.2, 0, 0], 41)
     second = np.linspace(-0.2 * along, 0.2 * along, 38) + [0.0, 0.0, distance]
@@ -183,14 +183,14 @@ def test_crossing_parts_overlap_by_what_they_are_too_near(distance, angle, seed)
     assert_allclose(found.s, ends, atol=1e-6)
 
 
-def test_of_a_cone_it_is_the_radius_there_that_counts():
+def test_overlap_of_a_cone_uses_the_local_radii():
     position = arc(0.05, 2.0 * np.pi)
     radius = np.linspace(0.02, 0.004, len(position))
     found, _ = overlap_of(position, radius)
     assert found.depth == pytest.approx(0.024, rel=1e-6)
 
 
-def test_the_arm_that_fetches_does_not_and_one_that_coils_up_does():
+def test_coiled_arm_overlaps_and_the_fetching_arm_does_not():
     config = load_config('renda2012_table4')
     solver = config.solver()
     radius = config.arm.body.radius(solver.grid.s)

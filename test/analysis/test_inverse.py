@@ -1,4 +1,4 @@
-"""Tensions for targets: reached, bounded and of least effort; the Jacobians of targets."""
+"""Find tensions for targets: accuracy, bounds, least effort, and Jacobians of targets."""
 
 import dataclasses
 
@@ -39,44 +39,44 @@ def effort(tensions: np.ndarray) -> float:
     return float(((tensions / HIGHEST) ** 2).sum())
 
 
-def test_the_tip_comes_where_it_is_wanted_with_less_effort_than_known_tensions(solver):
-    known = solver.solve(TENSIONS)
-    found = find_tensions(solver, TipPosition(known.tip), HIGHEST)
-    assert found.reached
-    assert_allclose(solver.solve(found.backbone.tensions).tip, known.tip, atol=1e-7)
-    assert (found.backbone.tensions >= 0.0).all()
-    assert (found.backbone.tensions <= HIGHEST).all()
-    assert effort(found.backbone.tensions) < 0.5 * effort(TENSIONS)
+def test_tip_position_is_reached_with_less_effort(solver):
+    target = solver.solve(TENSIONS)
+    result = find_tensions(solver, TipPosition(target.tip), HIGHEST)
+    assert result.reached
+    assert_allclose(solver.solve(result.backbone.tensions).tip, target.tip, atol=1e-7)
+    assert (result.backbone.tensions >= 0.0).all()
+    assert (result.backbone.tensions <= HIGHEST).all()
+    assert effort(result.backbone.tensions) < 0.5 * effort(TENSIONS)
 
 
-def test_least_effort_is_a_point_where_no_direction_along_the_target_is_less(solver):
-    found = find_tensions(solver, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
-    part = (found.backbone.tensions / HIGHEST).ravel()
-    jacobian = solver.sensitivity(found.backbone).by_tension.tip[:3] * HIGHEST.ravel()
-    free = part > 1e-6
-    # Karush, Kuhn and Tucker: on free tensions the gradient of the effort is a combination of the
-    # gradients of the constraints, on those at a bound its multiplier has the right sign.
-    multipliers = np.linalg.lstsq(jacobian[:, free].T, part[free], rcond=None)[0]
-    assert_allclose(jacobian[:, free].T @ multipliers, part[free], atol=1e-4)
-    assert (jacobian[:, ~free].T @ multipliers <= 1e-4).all()
+def test_least_effort_fulfils_the_optimality_conditions(solver):
+    result = find_tensions(solver, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
+    fraction = (result.backbone.tensions / HIGHEST).ravel()
+    jacobian = solver.sensitivity(result.backbone).by_tension.tip[:3] * HIGHEST.ravel()
+    is_free = fraction > 1e-6
+    # Karush-Kuhn-Tucker conditions: for free tensions the gradient of the effort is a combination
+    # of those of the constraints; for tensions at a bound the multiplier has the right sign.
+    multipliers = np.linalg.lstsq(jacobian[:, is_free].T, fraction[is_free], rcond=None)[0]
+    assert_allclose(jacobian[:, is_free].T @ multipliers, fraction[is_free], atol=1e-4)
+    assert (jacobian[:, ~is_free].T @ multipliers <= 1e-4).all()
 
 
-def test_a_pose_is_met_in_position_and_orientation(solver):
-    known = solver.solve(TENSIONS)
-    found = find_tensions(solver, TipPose(known.tip, known.quaternion[-1]), HIGHEST)
-    assert found.reached
-    turned = Rotation.from_quat(np.array(found.backbone.quaternion[-1]))
-    away = turned * Rotation.from_quat(np.array(known.quaternion[-1])).inv()
-    assert away.magnitude() < 1e-5
-    assert_allclose(found.backbone.tip, known.tip, atol=1e-6)
+def test_tip_pose_is_reached(solver):
+    target = solver.solve(TENSIONS)
+    result = find_tensions(solver, TipPose(target.tip, target.quaternion[-1]), HIGHEST)
+    assert result.reached
+    rotation = Rotation.from_quat(np.array(result.backbone.quaternion[-1]))
+    difference = rotation * Rotation.from_quat(np.array(target.quaternion[-1])).inv()
+    assert difference.magnitude() < 1e-5
+    assert_allclose(result.backbone.tip, target.tip, atol=1e-6)
 
 
 @pytest.mark.parametrize(('plane', 'angle'), [(0.0, 1.1), (2.0, 1.1), (-1.3, 1.1), (0.5, np.pi)])
-def test_bending_turns_the_tip_as_far_as_wanted_in_the_plane_wanted(solver, plane, angle):
-    found = find_tensions(solver, Bending(plane, angle), HIGHEST)
-    base, tip = (Rotation.from_quat(found.backbone.quaternion[i].copy()) for i in (0, -1))
+def test_bending_target_has_its_angle_and_plane(solver, plane, angle):
+    result = find_tensions(solver, Bending(plane, angle), HIGHEST)
+    base, tip = (Rotation.from_quat(result.backbone.quaternion[i].copy()) for i in (0, -1))
     t, n, b = (base.inv() * tip).apply([1.0, 0.0, 0.0])
-    assert found.reached
+    assert result.reached
     assert np.arccos(t) == pytest.approx(angle, abs=1e-4)
     if angle < np.pi:
         assert np.angle(np.exp(1j * (np.arctan2(b, n) - plane))) == pytest.approx(0.0, abs=1e-4)
@@ -84,37 +84,37 @@ def test_bending_turns_the_tip_as_far_as_wanted_in_the_plane_wanted(solver, plan
 
 @pytest.mark.parametrize('scale', [1e-2, 1.0, 30.0])
 @pytest.mark.parametrize('parts', [(0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.3, 0.6, 0.2)])
-def test_targets_at_the_edge_of_what_can_be_reached_are_found(scale, parts):
-    # Small arms, and tendons that have to be slack, which bounds hold at zero.
+def test_targets_with_slack_tendons_are_reached_at_any_scale(scale, parts):
+    # Small and large arms, with tendons at the lower bound of zero.
     length, radius = 0.3 * scale, 0.015 * scale
     angles = (0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)
     section = Section(length, 0.6 * radius, 0.3 * radius, angles=angles)
     arm = Arm(Material(1e5), Body(length, radius, 0.5 * radius), (section,))
     solver, unit = Solver(arm, 'exact', 31), 10.0 * scale**2
-    known = solver.solve(unit * np.array([parts]))
-    found = find_tensions(solver, TipPosition(known.tip), 2.0 * unit)
-    assert found.reached, found.error
-    assert_allclose(found.backbone.tip, known.tip, rtol=0.0, atol=1e-6 * length)
+    target = solver.solve(unit * np.array([parts]))
+    result = find_tensions(solver, TipPosition(target.tip), 2.0 * unit)
+    assert result.reached, result.error
+    assert_allclose(result.backbone.tip, target.tip, rtol=0.0, atol=1e-6 * length)
 
 
-def test_a_backbone_seen_by_a_camera_is_followed(solver):
-    known = solver.solve(TENSIONS)
-    target = BackboneShape(known.s[::10], known.position[::10])
-    found = find_tensions(solver, target, HIGHEST)
-    assert_allclose(found.backbone.position, known.position, atol=1e-5)
+def test_backbone_shape_is_reached(solver):
+    shape = solver.solve(TENSIONS)
+    target = BackboneShape(shape.s[::10], shape.position[::10])
+    result = find_tensions(solver, target, HIGHEST)
+    assert_allclose(result.backbone.position, shape.position, atol=1e-5)
 
 
-def test_what_is_out_of_reach_is_said_to_be_with_what_is_left():
+def test_unreachable_target_gives_the_smallest_error():
     section = Section(0.3, 0.009, 0.0045, angles=(0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0))
-    short = Solver(Arm(Material(1e5), Body(0.3, 0.015, 0.0075), (section,)), 'exact', 11)
-    found = find_tensions(short, TipPosition([1.0, 0.0, 0.0]), 4.0)
-    assert not found.reached
-    # The straight arm has the least error.
-    assert found.error == pytest.approx(0.7, abs=1e-6)
-    assert_allclose(found.backbone.tensions, 0.0, atol=1e-4)
+    solver = Solver(Arm(Material(1e5), Body(0.3, 0.015, 0.0075), (section,)), 'exact', 11)
+    result = find_tensions(solver, TipPosition([1.0, 0.0, 0.0]), 4.0)
+    assert not result.reached
+    # The straight arm has the smallest error.
+    assert result.error == pytest.approx(0.7, abs=1e-6)
+    assert_allclose(result.backbone.tensions, 0.0, atol=1e-4)
 
 
-def test_co_contraction_reaches_the_tip_with_the_stiffness_wanted(solver):
+def test_co_contraction_gives_the_target_stiffness(solver):
     target = TipPosition(solver.solve(TENSIONS).tip)
     relaxed = find_tensions(solver, target, HIGHEST)
     direction = np.array([0.0, 1.0, 0.0])
@@ -128,20 +128,20 @@ def test_co_contraction_reaches_the_tip_with_the_stiffness_wanted(solver):
     )
     assert stiff.reached
     assert stiff.stiffness == pytest.approx(1.2 * soft, rel=1e-4)
-    # The stiffness by its definition: a small force along the direction.
+    # By definition of the stiffness: a small force along the direction.
     push = 1e-5
     pushed = solver.solve(stiff.backbone.tensions, [0, push, 0, 0, 0, 0])
     assert push / (pushed.tip - stiff.backbone.tip)[1] == pytest.approx(1.2 * soft, rel=1e-3)
 
 
-def test_loads_are_taken_into_account(table4):
+def test_loads_are_included(table4):
     loads = Loads(gravity=(0, 0, -9.81), fluid_density=1000)
     loaded = dataclasses.replace(table4, arm=table4.arm.with_density(1080), loads=loads).solver(
         'exact', 61
     )
-    found = find_tensions(loaded, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
-    assert found.reached
-    tip = loaded.solve(found.backbone.tensions).tip
+    result = find_tensions(loaded, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
+    assert result.reached
+    tip = loaded.solve(result.backbone.tensions).tip
     assert_allclose(tip, [0.25, 0.1, -0.1], atol=1e-6)
 
 
@@ -152,7 +152,7 @@ def test_bounds_must_be_positive(solver, highest):
 
 
 @pytest.mark.parametrize('name', ['position', 'pose', 'bending', 'shape'])
-def test_jacobians_of_targets_are_their_derivatives(solver, name):
+def test_jacobians_of_targets_equal_finite_differences(solver, name):
     other = solver.solve(0.7 * TENSIONS)
     target = {
         'position': TipPosition(other.tip),
@@ -165,9 +165,9 @@ def test_jacobians_of_targets_are_their_derivatives(solver, name):
     def error(tensions):
         return target.error(solver.solve(tensions.reshape(3, 4)))
 
-    got = target.jacobian(backbone, solver.sensitivity(backbone).by_tension)
+    analytic = target.jacobian(backbone, solver.sensitivity(backbone).by_tension)
     expected = derivative(error, backbone.tensions.ravel(), step=1e-4)
-    assert_allclose(got, expected, atol=2e-6 * np.abs(expected).max())
+    assert_allclose(analytic, expected, atol=2e-6 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(
@@ -186,6 +186,6 @@ def test_jacobians_of_targets_are_their_derivatives(solver, name):
         (lambda: Stiffness([1.0, 0.0, 0.0], 0.0), 'stiffness is 0.0, expected a number > 0'),
     ],
 )
-def test_what_is_no_target_is_refused(build, message):
+def test_invalid_targets_are_refused(build, message):
     with pytest.raises(TargetError, match=message):
         build()  # type: ignore[operator]

@@ -1,4 +1,4 @@
-"""Workspaces: sampled tensions and their tips, in this process, in others and on clusters."""
+"""Workspaces: sampled tensions and tips, in one process, in several and on clusters."""
 
 import dataclasses
 import multiprocessing
@@ -14,7 +14,7 @@ from octo_arm_model import ConfigError, SolveError
 from octo_arm_model.analysis import worker_pool
 from octo_arm_model.analysis.workspace import CHUNK, Workspace, sample_workspace
 
-# Closed form: alone, four tendons of 1.4 N in all compress the tip of this arm to nothing.
+# In closed_form, a sum of 1.4 N in section 1 compresses the tip of this arm completely.
 TOO_HIGH = np.array([[0.6] * 4, [1.0] * 4, [4.0] * 4])
 
 
@@ -25,19 +25,19 @@ def assert_same(one: Workspace, other: Workspace) -> None:
         assert_allclose(a, b, rtol=0.0, atol=1e-12, err_msg=field.name)
 
 
-def test_tensions_lie_in_the_box_and_fill_it(cloud):
-    part = cloud.tensions / HIGHEST
+def test_tensions_are_uniform_in_their_range(cloud):
+    fraction = cloud.tensions / HIGHEST
     assert cloud.tensions.shape == (4 * CHUNK, 3, 4)
-    assert part.min() >= 0.0
-    assert part.max() <= 1.0
-    # Of a power of two of Sobol points each eighth of the range holds the same number.
-    eighths = np.floor(part.reshape(len(part), -1) * 8.0).astype(int)
+    assert fraction.min() >= 0.0
+    assert fraction.max() <= 1.0
+    # With a power of two of Sobol points, each eighth of the range has the same number of points.
+    eighths = np.floor(fraction.reshape(len(fraction), -1) * 8.0).astype(int)
     for tendon in eighths.T:
-        assert_array_equal(np.bincount(tendon), len(part) // 8)
+        assert_array_equal(np.bincount(tendon), len(fraction) // 8)
     assert_array_equal(cloud.highest, HIGHEST)
 
 
-def test_every_tip_is_what_the_solver_gives_and_its_direction_the_tangent_there(table4, cloud):
+def test_tips_and_directions_equal_those_of_the_solver(table4, cloud):
     backbone = table4.solver().solve(cloud.tensions)
     assert_allclose(cloud.tip, backbone.tip, rtol=0.0, atol=1e-9)
     assert cloud.refused == 0
@@ -50,7 +50,7 @@ def test_every_tip_is_what_the_solver_gives_and_its_direction_the_tangent_there(
         assert not array.flags.writeable
 
 
-def test_model_stations_and_loads_are_those_of_the_config(prototype):
+def test_workspace_uses_model_and_loads_of_the_config(prototype):
     light = dataclasses.replace(prototype, model='exact', stations=21)
     heavy = dataclasses.replace(
         light,
@@ -59,14 +59,14 @@ def test_model_stations_and_loads_are_those_of_the_config(prototype):
     )
     tips = []
     for config in (light, heavy):
-        found = sample_workspace(config, 1.0, 2, processes=1)
-        expected = config.solver().solve(found.tensions).tip
-        assert_allclose(found.tip, expected, rtol=0.0, atol=1e-9)
-        tips.append(found.tip[:, 2])
+        workspace = sample_workspace(config, 1.0, 2, processes=1)
+        expected = config.solver().solve(workspace.tensions).tip
+        assert_allclose(workspace.tip, expected, rtol=0.0, atol=1e-9)
+        tips.append(workspace.tip[:, 2])
     assert (tips[1] < tips[0] - 0.01).all()
 
 
-def test_a_seed_gives_the_same_again_and_another_gives_others(table4):
+def test_seed_determines_the_samples(table4):
     first, again, other = (
         sample_workspace(table4, HIGHEST, 16, seed, processes=1) for seed in (3, 3, 4)
     )
@@ -75,28 +75,28 @@ def test_a_seed_gives_the_same_again_and_another_gives_others(table4):
 
 
 @pytest.mark.parametrize('samples', [1, 3, CHUNK, CHUNK + 1, 200])
-def test_any_number_of_samples_is_the_first_of_more(table4, cloud, samples):
+def test_fewer_samples_are_the_first_of_more(table4, cloud, samples):
     few = sample_workspace(table4, HIGHEST, samples, processes=1)
     assert_array_equal(few.tensions, cloud.tensions[:samples])
     assert_allclose(few.tip, cloud.tip[:samples], rtol=0.0, atol=1e-9)
 
 
-def test_refused_sets_are_counted_and_not_in_the_cloud(table4):
-    # Divided by a power of two the same sets are drawn without rounding, and all have a solution.
+def test_sets_without_solution_are_counted_and_left_out(table4):
+    # Divided by a power of two these are the same sets without rounding, and all have solutions.
     config = dataclasses.replace(table4, model='closed_form')
-    drawn = sample_workspace(config, TOO_HIGH / 1024.0, 2 * CHUNK, processes=1)
-    assert drawn.refused == 0
+    scaled = sample_workspace(config, TOO_HIGH / 1024.0, 2 * CHUNK, processes=1)
+    assert scaled.refused == 0
     solver = config.solver()
-    answered = []
-    for tensions in drawn.tensions * 1024.0:
+    solutions = []
+    for tensions in scaled.tensions * 1024.0:
         try:
-            answered.append((tensions, solver.solve(tensions).tip))
+            solutions.append((tensions, solver.solve(tensions).tip))
         except SolveError:
             continue
     workspace = sample_workspace(config, TOO_HIGH, 2 * CHUNK, processes=1)
     assert 0 < workspace.refused < 2 * CHUNK
-    assert workspace.refused == 2 * CHUNK - len(answered)
-    tensions, tip = map(np.array, zip(*answered))
+    assert workspace.refused == 2 * CHUNK - len(solutions)
+    tensions, tip = map(np.array, zip(*solutions))
     assert_array_equal(workspace.tensions, tensions)
     assert_allclose(workspace.tip, tip, rtol=0.0, atol=1e-9)
     assert len(workspace.direction) == len(tip)
@@ -118,13 +118,13 @@ def test_refused_sets_are_counted_and_not_in_the_cloud(table4):
         ({'processes': 2, 'scheduler': 'tcp://x:1'}, 'processes is 2 and scheduler is .*one of'),
     ],
 )
-def test_bad_options_are_refused_by_name(table4, given, message):
+def test_invalid_options_are_refused(table4, given, message):
     with pytest.raises(ConfigError, match=message):
         sample_workspace(table4, HIGHEST, **given)
 
 
-def test_two_processes_give_the_same(table4):
-    # Some sets are refused, and the last chunk is not full.
+def test_two_processes_give_the_same_workspace(table4):
+    # Some sets have no solution, and the last chunk is not full.
     config, count = dataclasses.replace(table4, model='closed_form'), CHUNK + 5
     calls = []
     alone = sample_workspace(
@@ -135,7 +135,7 @@ def test_two_processes_give_the_same(table4):
     assert_same(sample_workspace(config, TOO_HIGH, count, processes=2), alone)
 
 
-def test_an_interrupt_ends_all_workers(table4):
+def test_interrupt_ends_all_workers(table4):
     def interrupt(done, total):
         if done:
             assert multiprocessing.active_children()
@@ -146,7 +146,7 @@ def test_an_interrupt_ends_all_workers(table4):
     assert not multiprocessing.active_children()
 
 
-def test_a_dask_cluster_gives_the_same(table4):
+def test_dask_cluster_gives_the_same_workspace(table4):
     distributed = pytest.importorskip('distributed')
     config, count = dataclasses.replace(table4, model='closed_form'), 3 * CHUNK + 5
     with distributed.LocalCluster(
@@ -165,19 +165,19 @@ def test_a_dask_cluster_gives_the_same(table4):
     assert calls[-1] == (count, count)
 
 
-def test_a_missing_dask_says_how_to_install_it(table4, monkeypatch):
+def test_error_without_dask_has_its_installation(table4, monkeypatch):
     monkeypatch.setitem(sys.modules, 'dask', None)
     with pytest.raises(ConfigError, match=r"pip install 'octo_arm_model\[cluster\]'"):
         sample_workspace(table4, HIGHEST, 8, scheduler='tcp://127.0.0.1:8786')
 
 
-def test_a_scheduler_that_does_not_answer_is_one_line(table4, monkeypatch):
+def test_unreachable_scheduler_is_one_line_of_error(table4, monkeypatch):
     pytest.importorskip('distributed')
     monkeypatch.setattr(worker_pool, '_CONNECT', 0.2)
-    with socket.socket() as taken:  # bound, but not listening
-        taken.bind(('127.0.0.1', 0))
-        deaf = f'tcp://127.0.0.1:{taken.getsockname()[1]}'
-        for address in (deaf, 'nowhere', 'carrier-pigeon://loft:1', ''):
+    with socket.socket() as occupied:  # bound, but not listening
+        occupied.bind(('127.0.0.1', 0))
+        silent = f'tcp://127.0.0.1:{occupied.getsockname()[1]}'
+        for address in (silent, 'nowhere', 'carrier-pigeon://loft:1', ''):
             with pytest.raises(ConfigError) as caught:
                 sample_workspace(table4, HIGHEST, 8, scheduler=address)
             message = str(caught.value)

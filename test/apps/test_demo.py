@@ -1,4 +1,4 @@
-"""Programs that start others: their output, and that no process is left behind."""
+"""Programs that start others: their output, and the end of all processes."""
 
 import contextlib
 import io
@@ -28,27 +28,27 @@ from octo_arm_model.config.parameter_files import preset_path
 NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
 
 
-def family_of(mark):
-    """Processes that were started with OCTO_ARM_TEST as ``mark`` in their environment."""
-    found, wanted = set(), f'OCTO_ARM_TEST={mark}'.encode()
+def processes_with(mark):
+    """Return the processes with OCTO_ARM_TEST = ``mark`` in their environment."""
+    found, variable = set(), f'OCTO_ARM_TEST={mark}'.encode()
     for path in Path('/proc').glob('[0-9]*/environ'):
         try:
-            if wanted in path.read_bytes().split(b'\0'):
+            if variable in path.read_bytes().split(b'\0'):
                 found.add(int(path.parent.name))
         except OSError:
-            pass  # ended since, or of another user
+            pass  # has ended, or belongs to another user
     return found
 
 
 class Watched(io.StringIO):
-    """Output of a program that runs here; ``act`` is called with each of its lines."""
+    """Output of a program in this process, which calls ``act`` with each line."""
 
     def __init__(self, act):
         super().__init__()
         self._act, self._line = act, ''
 
     def write(self, text):
-        """Take what is printed."""
+        """Split ``text`` into lines."""
         self._line += text
         while '\n' in self._line:
             line, _, self._line = self._line.partition('\n')
@@ -58,10 +58,10 @@ class Watched(io.StringIO):
 
 @pytest.fixture
 def run_here(monkeypatch, capfd):
-    """Runs a program here whose children are processes.
+    """Return a function that runs a program in this process, with its children.
 
-    It gets a domain of its own. What it prints is given to ``act``, a line at a time, with the
-    processes of its children. Returns its exit status and what it and they wrote to stderr.
+    The program has a domain of its own. ``act`` is called with each printed line and the process
+    ids of the children. The function returns the exit status and all stderr.
     """
     mark = str(uuid.uuid4())
     monkeypatch.setenv('ROS_DOMAIN_ID', str(new_domain()))
@@ -70,34 +70,34 @@ def run_here(monkeypatch, capfd):
     before = [signal.getsignal(number) for number in numbers]
 
     def run(program, arguments, act):
-        watched = Watched(lambda line: act(line, family_of(mark)))
+        watched = Watched(lambda line: act(line, processes_with(mark)))
         with contextlib.redirect_stdout(watched):
             status = program.main(arguments)
-        assert family_of(mark) == set()
+        assert processes_with(mark) == set()
         complaints = capfd.readouterr().err
         assert 'Traceback' not in complaints
         return status, complaints
 
     yield run
-    for process in family_of(mark):
+    for process in processes_with(mark):
         os.kill(process, signal.SIGKILL)
     for number, handler in zip(numbers, before):
         signal.signal(number, handler)
 
 
 def stop_here():
-    """End the program that runs here, as Ctrl-C does."""
+    """End the program in this process as Ctrl-C does."""
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def test_the_demonstration_moves_the_arm_says_where_to_look_and_leaves_nothing_behind(run_here):
+def test_demo_moves_the_arm_prints_its_url_and_ends_all_processes(run_here):
     pytest.importorskip('viser', reason='needs viser')
-    said, tips = [], set()
+    ports, tips = [], set()
 
     def watch(line, family):
         if found := re.search('port (.*) is in use; open http://localhost:(.*)', line):
-            said.extend(map(int, found.groups()))
-            with socket.create_connection(('127.0.0.1', said[1]), timeout=DEADLINE):
+            ports.extend(map(int, found.groups()))
+            with socket.create_connection(('127.0.0.1', ports[1]), timeout=DEADLINE):
                 pass
         if found := NUMBERS.search(line):
             tips.add(found.groups()[:3])
@@ -105,16 +105,16 @@ def test_the_demonstration_moves_the_arm_says_where_to_look_and_leaves_nothing_b
         if len(tips) == 2:
             stop_here()
 
-    with socket.create_server(('127.0.0.1', 0)) as taken:
-        port = taken.getsockname()[1]
+    with socket.create_server(('127.0.0.1', 0)) as occupied:
+        port = occupied.getsockname()[1]
         path = str(preset_path('renda2012_table2'))
         status, complaints = run_here(demo, [path, '--port', str(port)], watch)
     assert status == 0, complaints
-    assert said[0] == port < said[1]
+    assert ports[0] == port < ports[1]
 
 
 @pytest.mark.parametrize('more', [[], ['--estimate']])
-def test_an_arm_that_moves_is_shown_and_not_the_one_at_rest(run_here, more):
+def test_demo_shows_the_moving_arm(run_here, more):
     tips = set()
 
     def watch(line, family):
@@ -129,7 +129,7 @@ def test_an_arm_that_moves_is_shown_and_not_the_one_at_rest(run_here, more):
     assert status == 0 and complaints == ''
 
 
-def test_the_demonstration_ends_with_its_node(run_here):
+def test_demo_ends_when_its_node_ends(run_here):
     def watch(line, family):
         for process in family if NUMBERS.search(line) else ():
             command = Path(f'/proc/{process}/cmdline').read_bytes()
@@ -142,10 +142,10 @@ def test_the_demonstration_ends_with_its_node(run_here):
 
 
 @pytest.mark.parametrize('more', [[], pytest.param(['--moving'], marks=pytest.mark.endurance)])
-def test_eight_arms_crawl_and_leave_nothing_behind(run_here, more):
+def test_eight_arms_move_and_all_processes_end(run_here, more):
     def watch(line, family):
         found = re.search(r'(\d+) shapes/s of 8 arms', line)
-        if found and float(found[1]) >= (1.0 if more else 8.0):  # a busy machine moves few
+        if found and float(found[1]) >= (1.0 if more else 8.0):  # slower on a busy machine
             assert len(family) == 1  # hosts the nodes
             stop_here()
 
@@ -153,7 +153,7 @@ def test_eight_arms_crawl_and_leave_nothing_behind(run_here, more):
     assert status == 0, complaints
 
 
-# A program with two children that do nothing for long.
+# A program with two children that only wait.
 PARENT = """
 import time
 from octo_arm_model.ros.processes import children, stop_signals
@@ -177,15 +177,15 @@ def test_children_end_with_their_parent(how):
     )
     assert process.stdout.readline() == 'started\n'
     end = time.monotonic() + DEADLINE
-    while len(family_of(mark)) < 3:  # a process has no environment while it becomes a program
+    while len(processes_with(mark)) < 3:  # a new process has no environment yet
         assert time.monotonic() < end, f'after {DEADLINE} s not all run'
     process.send_signal(how)
     process.communicate(timeout=DEADLINE)
-    while family_of(mark):
+    while processes_with(mark):
         assert time.monotonic() < end, f'after {DEADLINE} s they still run'
 
 
-def test_a_domain_with_an_arm_is_left_to_it(monkeypatch, capsys):
+def test_second_arm_gets_another_domain(monkeypatch, capsys):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(new_domain()))
     domain = os.environ['ROS_DOMAIN_ID']
     with own_domain('first'), own_domain('elsewhere', '/arm_1'):
@@ -198,7 +198,7 @@ def test_a_domain_with_an_arm_is_left_to_it(monkeypatch, capsys):
     assert capsys.readouterr().out.startswith(f'{expected}{other}: ')
 
 
-def test_a_domain_that_is_no_number_is_refused(monkeypatch):
+def test_invalid_domain_is_refused(monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', 'lab')
     with pytest.raises(ConfigError, match="ROS_DOMAIN_ID is 'lab', expected a number"):
         with own_domain('octo_arm_demo'):
@@ -206,7 +206,7 @@ def test_a_domain_that_is_no_number_is_refused(monkeypatch):
 
 
 @pytest.mark.parametrize('config', ['no_such_arm', 'no/such/file.yaml'])
-def test_a_config_that_is_none_is_one_clear_line(config, capsys):
+def test_unknown_config_is_one_line_of_error(config, capsys):
     assert demo.main([config]) == 2
     complaint = capsys.readouterr().err
     assert complaint.count('\n') == 1

@@ -1,4 +1,4 @@
-"""The arm, its profiles and loads: derived quantities, and invalid input."""
+"""The arm, its profiles and loads: derived quantities and invalid input."""
 
 import math
 
@@ -45,16 +45,16 @@ def arm_of(*sections: tuple[float, float, float], names: tuple[str, ...] = ()) -
     return Arm(MATERIAL, BODY, tuple(Section(*section) for section in sections), names)
 
 
-def named(names):
+def named_arm(names):
     return arm_of((0.4, 0.0, 0.0), names=tuple(names))
 
 
-def test_tendons_are_named_by_section_and_number_unless_named():
+def test_default_names_of_tendons_have_section_and_number():
     assert arm_of((0.4, 0.0, 0.0), (0.2, 0.0, 0.0)).tendon_names[3:5] == (
         'tendon_1_4',
         'tendon_2_1',
     )
-    assert named('ABCD').tendon_names == ('A', 'B', 'C', 'D')
+    assert named_arm('ABCD').tendon_names == ('A', 'B', 'C', 'D')
 
 
 @pytest.mark.parametrize('bad', [0.0, -1.0, math.nan, math.inf, -math.inf, '1', None, True, [1.0]])
@@ -68,7 +68,7 @@ def test_tendons_are_named_by_section_and_number_unless_named():
         ('section.anchorage', lambda bad: Section(bad, 0.1, 0.1)),
     ],
 )
-def test_what_must_be_positive_is_refused_otherwise(field, build, bad):
+def test_values_that_are_not_positive_are_refused(field, build, bad):
     with pytest.raises(ArmDefinitionError) as refusal:
         build(bad)
     assert str(refusal.value).startswith(f'{field} is {bad!r}, expected a finite number > 0 [')
@@ -80,7 +80,7 @@ def test_what_must_be_positive_is_refused_otherwise(field, build, bad):
 
 @pytest.mark.parametrize('length', [0.3, 0.45, 0.7, 1.1])
 @pytest.mark.parametrize('base', [0.0033, 0.0075, 0.011])
-def test_a_tendon_may_end_on_the_midline(length, base):
+def test_tendon_can_end_on_the_midline(length, base):
     section = Section(length, base, 0.0)
     assert Arm(MATERIAL, Body(length, 0.02, 1e-5), (section,)).length == length
     assert section.offset(length) == 0.0
@@ -90,12 +90,12 @@ def test_a_tendon_may_end_on_the_midline(length, base):
 
 
 @pytest.mark.parametrize('name', ['a\0b', '\ud800', 'x' * 256, 5, b'a', True])
-def test_names_are_texts_that_a_message_can_carry(name):
+def test_invalid_names_are_refused(name):
     with pytest.raises(ArmDefinitionError, match='expected distinct, non-empty names of at most'):
-        named(('a', 'b', 'c', name))  # type: ignore[arg-type]
+        named_arm(('a', 'b', 'c', name))  # type: ignore[arg-type]
 
 
-def test_sections_and_tendons_have_a_bound():
+def test_numbers_of_sections_and_tendons_are_bounded():
     sections = [(0.4 - 1e-3 * i, 0.0, 0.0) for i in range(65)]
     assert len(arm_of(*sections[:64]).tendons) == 256
     with pytest.raises(ArmDefinitionError, match='number of sections is 65, expected at most 64'):
@@ -109,22 +109,22 @@ def test_sections_and_tendons_have_a_bound():
 
 
 @pytest.mark.parametrize('part', [0.1, 0.02])
-def test_of_a_uniform_arm_it_is_that_of_a_cantilever(part):
-    """The tip of a cantilever moves by F L^3 / (3 E J)."""
+def test_bending_force_of_a_uniform_arm_equals_that_of_a_cantilever(part):
+    # The tip of a cantilever moves by F L^3 / (3 E J).
     arm = Arm(Material(2e5), Body(0.3, 0.01, 0.01), (Section(0.3, 0.005, 0.005),))
     stiffness = 2e5 * 0.25 * np.pi * 0.01**4
     expected = 3.0 * stiffness * part / 0.3**2
     assert bending_force(arm, part) == pytest.approx(expected, rel=1e-3)
 
 
-# Messages of errors: on one line, bounded, and nothing in them that a terminal obeys -------------
+# Error messages: one line, bounded, and without control characters -------------------------------
 
 
-# Clears the screen, goes on in another line, and writes from right to left.
+# Clears the screen, starts a new line, and reverses the direction of writing.
 HOSTILE = 'tendon\x1b[2J\n\u2028\u202e\x07'
 
 
-def test_names_from_outside_do_not_reach_a_terminal_as_they_are():
+def test_error_messages_have_no_control_characters():
     error = TensionError(HOSTILE * 100)
     for text in (shown(HOSTILE), listed([HOSTILE, 'tendon']), in_short(error)):
         assert text.isprintable()
@@ -132,7 +132,7 @@ def test_names_from_outside_do_not_reach_a_terminal_as_they_are():
     assert len(in_short(error)) <= 300
 
 
-def test_what_refuses_a_name_shows_it_printable():
+def test_errors_show_names_without_control_characters():
     arm = load_config('renda2012_prototype').arm
     with pytest.raises(TensionError, match='more than once: tendon') as caught:
         values_by_name([HOSTILE, HOSTILE], [1.0, 2.0], 'tension')
@@ -159,14 +159,14 @@ POINT = PointLoad(0.1, (0.0, 0.0, 1.0))
         POINT,
     ],
 )
-def test_what_would_be_left_out_of_scaled_loads_is_refused(load):
+def test_scaled_loads_refuse_other_loads(load):
     with pytest.raises(ArmDefinitionError, match='expected dead Loads without a tip wrench'):
         ScaledLoads([load])
 
 
 @pytest.mark.parametrize('value', [math.nan, -0.1, 'much', True])
 @pytest.mark.parametrize('name', ['tension', 'model_rotation', 'displacement'])
-def test_an_uncertainty_is_a_standard_deviation(name, value):
+def test_invalid_uncertainty_is_refused(name, value):
     with pytest.raises(
         ArmDefinitionError, match=f'uncertainty.{name} is .*, expected a finite st'
     ):
@@ -188,27 +188,27 @@ PROFILES = [
 
 
 @pytest.mark.parametrize('profile', PROFILES, ids=lambda profile: type(profile).__name__)
-def test_the_slope_is_the_derivative_of_the_value(profile):
+def test_slope_equals_finite_differences(profile):
     h = 1e-6
-    inside = S[1:-1] + 1e-4  # not on a knot of the table
+    inside = S[1:-1] + 1e-4  # between the knots of the table
     difference = (profile.value(inside + h) - profile.value(inside - h)) / (2.0 * h)
     assert_allclose(profile.slope(inside), difference, atol=1e-7)
 
 
-def test_the_slope_of_a_function_is_as_good_at_the_ends_and_asks_for_nothing_beyond():
-    asked = []
+def test_slope_of_a_function_is_accurate_at_the_ends_and_evaluates_nothing_beyond():
+    evaluated = []
 
-    def recorded(s):
-        asked.append(s)
+    def function(s):
+        evaluated.append(s)
         return 0.01 + 0.002 * np.sin(20.0 * s)
 
-    slope = Function(recorded, 0.4).slope(S)
+    slope = Function(function, 0.4).slope(S)
     assert_allclose(slope, 0.04 * np.cos(20.0 * S), atol=1e-7)
-    assert min(map(np.min, asked)) >= -1e-12
-    assert max(map(np.max, asked)) <= 0.4 + 1e-12
+    assert min(map(np.min, evaluated)) >= -1e-12
+    assert max(map(np.max, evaluated)) <= 0.4 + 1e-12
 
 
-def test_a_table_passes_through_its_points_and_never_beyond_them():
+def test_table_interpolates_without_overshoot():
     table = Table((0.0, 0.1, 0.2, 0.4), (0.02, 0.02, 0.005, 0.004))
     assert_allclose(table.value(table.s), table.values)
     values = table.value(S)
@@ -217,7 +217,7 @@ def test_a_table_passes_through_its_points_and_never_beyond_them():
     assert table.knots == (0.1, 0.2)
 
 
-def test_a_table_has_a_bound_and_holds_numbers():
+def test_tables_are_bounded_and_numeric():
     s = tuple(range(1001))
     with pytest.raises(ArmDefinitionError, match=r'it\.s is \(0, 1, .*at most 1000 values'):
         Table(s, s, 'it')
@@ -263,10 +263,13 @@ def test_a_table_has_a_bound_and_holds_numbers():
             'sections[1].offset_anchorage is 0.0151, expected at most the radius of the body at '
             's = 0.2 m, 0.015 [m]',
         ),
-        (lambda: named('AB'), "tendon_names is ['A', 'B'], expected 4 names, one per tendon"),
-        (lambda: named('ABCA'), "tendon_names is ['A', 'B', 'C', 'A'], expected distinct, non-em"),
+        (lambda: named_arm('AB'), "tendon_names is ['A', 'B'], expected 4 names, one per tendon"),
         (
-            lambda: named([*'ABC', '']),
+            lambda: named_arm('ABCA'),
+            "tendon_names is ['A', 'B', 'C', 'A'], expected distinct, non-em",
+        ),
+        (
+            lambda: named_arm([*'ABC', '']),
             "tendon_names is ['A', 'B', 'C', ''], expected distinct, no",
         ),
         (lambda: Table((0.0,), (1.0,)), 'table.s is (0.0,), expected at least two'),
@@ -304,7 +307,7 @@ def test_a_table_has_a_bound_and_holds_numbers():
         (lambda: WAVY.cover('radius', 0.5), 'last s of radius is 0.4, expected at least 0.5 [m]'),
     ],
 )
-def test_refusals_name_field_value_and_expectation(build, message):
+def test_errors_name_field_value_and_expectation(build, message):
     with pytest.raises(ArmDefinitionError) as refusal:
         build()
     assert str(refusal.value).startswith(message)

@@ -1,4 +1,4 @@
-"""What parameters build: calibrated load cells, tendons on tabulated paths, obstacles."""
+"""Objects from parameters: calibrated load cells, tabulated tendons and obstacles."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ OFFSETS = tuple(0.1 * n - 0.3 for n in range(12))
 SCALES = tuple(0.8 + 0.05 * n for n in range(12))
 
 
-def test_readings_are_scaled_then_moved_and_what_is_near_zero_is_zero():
+def test_readings_are_scaled_shifted_and_zeroed_within_the_deadband():
     cells = LoadCellCalibration(0.02, OFFSETS, SCALES)
     readings = np.random.default_rng(0).uniform(0.5, 2.0, (5, 3, 4))
     expected = np.reshape(SCALES, (3, 4)) * readings + np.reshape(OFFSETS, (3, 4))
@@ -41,7 +41,7 @@ def test_readings_are_scaled_then_moved_and_what_is_near_zero_is_zero():
 
 
 @pytest.mark.parametrize('reading', [-0.021, np.nan, np.inf, -np.inf])
-def test_what_is_below_the_deadband_or_no_number_is_refused(reading):
+def test_readings_below_the_deadband_are_refused(reading):
     readings = np.zeros((3, 4))
     readings[1, 2] = reading
     with pytest.raises(TensionError, match=r'tension of tendon_2_3 is .*_deadband of 0.02 N'):
@@ -49,7 +49,7 @@ def test_what_is_below_the_deadband_or_no_number_is_refused(reading):
 
 
 @pytest.mark.parametrize('wrong', [np.zeros(5), [['a', 'b']], np.zeros((4, 3)), [[1.0], [1.0, 2]]])
-def test_shapes_of_another_arm_are_refused(wrong):
+def test_readings_of_wrong_shape_are_refused(wrong):
     readings = np.array(wrong, dtype=object) if len(wrong) == 2 else wrong
     with pytest.raises(TensionError, match='expected'):
         LoadCellCalibration(0.02, OFFSETS).tensions(CONFIG.arm, readings)
@@ -64,7 +64,7 @@ def test_shapes_of_another_arm_are_refused(wrong):
         ('tension_scale', 11 * [1.0], ConfigError, 'tension_scale has 11 values, expected 12'),
     ],
 )
-def test_calibrations_that_cannot_be_are_refused(name, value, kind, message):
+def test_invalid_calibrations_are_refused(name, value, kind, message):
     with pytest.raises(kind, match=message):
         Config.from_parameters({**TABLE4, name: value})
 
@@ -74,11 +74,12 @@ def test_calibrations_that_cannot_be_are_refused(name, value, kind, message):
 
 PRESET = load_parameters('renda2012_prototype')
 LENGTH = Config.from_parameters(PRESET).arm.length
-KINK, NEAR, FAR = 0.4 * LENGTH, 2e-3, 8e-3  # where, and distances there and at the ends [m]
+# Place of a kink, and offsets there and at the ends [m].
+KINK, NEAR, FAR = 0.4 * LENGTH, 2e-3, 8e-3
 
 
 def arm_of(s: np.ndarray, offset: np.ndarray, **more: object) -> Config:
-    """The prototype with all four tendons at an ``offset`` (n,) [m] at ``s`` (n,) [m]."""
+    """Return the prototype with all four tendons at ``offset`` (n,) [m] at ``s`` (n,) [m]."""
     values = {name: value for name, value in PRESET.items() if 'offset' not in name}
     table = {'tendons.table_s': s.tolist(), 'tendons.table_offset': np.tile(offset, 4).tolist()}
     more = {name.replace('__', '.'): value for name, value in more.items()}
@@ -91,12 +92,12 @@ def tip_of(config: Config) -> np.ndarray:
     return config.solver().solve(pull).tip
 
 
-def test_a_linear_path_is_the_limit_of_smooth_ones_and_pchip_is_another():
+def test_linear_path_is_the_limit_of_smooth_paths():
     s, offset = np.array([0.0, KINK, LENGTH]), np.array([FAR, NEAR, FAR])
     kinked = tip_of(arm_of(s, offset, tendons__table_between='linear'))
     away = []
     for half in (0.02, 0.01, 0.005):
-        # Points of the same lines, but for those within `half` of the kink.
+        # Points of the same lines, except within `half` of the kink.
         places = np.array(
             [*np.linspace(0.0, KINK - half, 30), *np.linspace(KINK + half, LENGTH, 30)]
         )
@@ -106,7 +107,7 @@ def test_a_linear_path_is_the_limit_of_smooth_ones_and_pchip_is_another():
     assert np.linalg.norm(tip_of(arm_of(s, offset)) - kinked) > 0.01 * LENGTH
 
 
-def test_what_is_neither_and_friction_at_kinks_are_refused():
+def test_invalid_interpolation_and_friction_at_kinks_are_refused():
     s, offset = np.array([0.0, KINK, LENGTH]), np.array([FAR, NEAR, FAR])
     with pytest.raises(ConfigError, match="table_between is 'cubic', expected pchip or linear"):
         arm_of(s, offset, tendons__table_between='cubic')
@@ -137,7 +138,7 @@ THREE = {
 }
 
 
-def test_obstacles_are_lists_of_what_each_is():
+def test_obstacles_are_built_from_lists():
     loads = Config.from_parameters(ARM | THREE).loads
     assert loads.obstacles == (
         Plane((0.0, 0.0, -0.1), (0.0, 0.0, 1.0), stiffness=1e6),
@@ -163,13 +164,13 @@ def test_obstacles_are_lists_of_what_each_is():
         ({'position': [float('nan')] * 9}, r'obstacles\.position\[0\] is nan, expected a fin'),
     ],
 )
-def test_obstacles_that_cannot_be_are_refused_by_name(changes, message):
+def test_invalid_obstacles_are_refused(changes, message):
     given = {f'obstacles.{name}': value for name, value in changes.items()}
     with pytest.raises((ConfigError, ArmDefinitionError), match=message):
         Config.from_parameters(ARM | THREE | given)
 
 
-def test_a_node_of_an_arm_that_rubs_says_that_there_are_no_shapes_at_rest():
+def test_node_with_friction_of_obstacles_is_refused():
     config = Config.from_parameters(ARM | THREE)
     with pytest.raises(ConfigError, match=r'loads.obstacles have friction'):
         config.node_solver()
@@ -179,7 +180,7 @@ def test_a_node_of_an_arm_that_rubs_says_that_there_are_no_shapes_at_rest():
 
 
 def given(parameter: Parameter) -> Any:
-    """Some value of a ``parameter``, within its range."""
+    """Return a valid value of a ``parameter``."""
     value = {float: 0.25, int: 2, str: 'linear'}[parameter.kind]
     value = {'motion.water': 'cylinder', 'loads.tip_frame': 'tip'}.get(parameter.name, value)
     return [value] if parameter.is_array else value
@@ -190,7 +191,7 @@ ALTERNATIVES = [(one, BY_NAME[other]) for one in PARAMETERS for other in one.unl
 
 
 @pytest.mark.parametrize(('one', 'other'), ALTERNATIVES, ids=lambda one: one.name)
-def test_of_two_values_of_one_quantity_one_is_refused(one, other):
+def test_two_values_of_one_quantity_are_refused(one, other):
     rest = {name: v for name, v in ARM.items() if other.name not in BY_NAME[name].unless}
     both = {'loads.fluid_density': 1e3, one.name: given(one), other.name: given(other)}
     why = f'^{one.name} is .*, expected .* or no value where {other.name} is given$'
@@ -199,12 +200,12 @@ def test_of_two_values_of_one_quantity_one_is_refused(one, other):
 
 
 @pytest.mark.parametrize('one', [one for one in PARAMETERS if one.needs], ids=lambda one: one.name)
-def test_a_value_that_nothing_uses_is_refused(one):
+def test_values_without_effect_are_refused(one):
     why = f'^{one.name} is .*, expected .* or no value without {" or ".join(one.needs)}$'
     with pytest.raises(ConfigError, match=why):
         Config.from_parameters(ARM | {one.name: given(one)})
 
 
-def test_zero_and_empty_lists_are_no_values_as_in_ros():
+def test_zeros_and_empty_lists_are_unset_as_in_ros():
     arm = ARM | {'body.width': 0.0, 'material.shear_modulus': 0.0, 'tendons.table_s': []}
     assert Config.from_parameters(arm | {'body.inner_radius': 0.0}) == Config.from_parameters(ARM)

@@ -1,4 +1,4 @@
-"""Parameter files: reading them, and the errors of invalid ones."""
+"""Parameter files: reading, writing, and errors of invalid ones."""
 
 import os
 from pathlib import Path
@@ -53,7 +53,7 @@ def changed(old: str, new: str) -> str:
 
 
 def paper_arm(length: float, radii: tuple, *sections: tuple) -> Arm:
-    """From the numbers as the paper prints them, in millimetres."""
+    """Return an arm from the paper's numbers in millimetres."""
     return Arm(
         Material(110e3, 0.5),
         Body(length / 1e3, radii[0] / 1e3, radii[1] / 1e3),
@@ -61,7 +61,7 @@ def paper_arm(length: float, radii: tuple, *sections: tuple) -> Arm:
     )
 
 
-# What is read ----------------------------------------------------------------------------------
+# Valid files -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -73,13 +73,13 @@ def paper_arm(length: float, radii: tuple, *sections: tuple) -> Arm:
         ('prototype', paper_arm(270, (15, 7.4), (270, 5, 2.5))),
     ],
 )
-def test_presets_hold_the_numbers_the_paper_prints(name, arm):
+def test_presets_have_the_papers_numbers(name, arm):
     config = load_config(preset_path(f'renda2012_{name}'))
     assert config.arm == arm
     assert (config.model, config.stations, config.base_frame) == ('renda2012', 101, 'arm_base')
 
 
-def test_of_several_nodes_the_parameters_are_those_that_ros_gives_to_octo_arm(tmp_path):
+def test_parameters_of_octo_arm_are_read_from_files_of_several_nodes(tmp_path):
     others = 'robot:\n  octo_arm:\n    ros__parameters: {stations: 7}\n'
     others += 'camera:\n  ros__parameters: {stations: 8, rate: 30}\n'
     assert read(tmp_path, GOOD + others).stations == 101
@@ -89,11 +89,11 @@ def test_of_several_nodes_the_parameters_are_those_that_ros_gives_to_octo_arm(tm
     assert read(tmp_path, GOOD + others + own).stations == 10
 
 
-def test_a_preset_is_read_by_its_name_from_anywhere(tmp_path, monkeypatch):
+def test_presets_are_found_by_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     named = load_config('renda2012_prototype')
     assert named == load_config(preset_path('renda2012_prototype'))
-    # A file without suffix goes before a preset of its name.
+    # A file without suffix takes precedence over a preset of its name.
     softer = preset_path('renda2012_prototype').read_text().replace('110000.0', '90000')
     (tmp_path / 'renda2012_prototype').write_text(softer)
     assert load_config('renda2012_prototype').arm.material.youngs_modulus == 9e4
@@ -102,12 +102,12 @@ def test_a_preset_is_read_by_its_name_from_anywhere(tmp_path, monkeypatch):
             load_config(name)
 
 
-def test_long_tables_are_written_as_they_are_read():
+def test_written_tables_are_read_unchanged():
     numbers = [1e17, 1e-7, 0.1, -1e300, INF, -INF, 5e-324, -0.0, 1.0]
     values = {'tendons.table_offset': numbers, 'tendon_limits': (1e5,), 'stations': 7}
     text = parameters_as_yaml(values)
     assert parse_parameters(text, 'it') == {**values, 'tendon_limits': [1e5]}
-    # YAML 1.1 reads no number without a point.
+    # YAML 1.1 reads numbers without a point as text.
     assert yaml.safe_load(text)['/**']['ros__parameters']['tendons.table_offset'] == numbers
     assert parse_parameters(parameters_as_yaml({'tendon_limits': [2.0]}), 'it') == {
         'tendon_limits': [2.0]
@@ -126,17 +126,17 @@ def test_long_tables_are_written_as_they_are_read():
     ],
     ids=str,
 )
-def test_any_node_name_or_wildcard_and_dotted_names_will_do(tmp_path, document):
+def test_node_names_wildcards_and_dotted_names_are_read(tmp_path, document):
     config = read(tmp_path, yaml.safe_dump(document))
     assert config.arm.length == 0.4
     assert config.arm.sections == (Section(0.4, 0.008, 0.002),)
-    # What is not given has a default.
+    # Other parameters have their defaults.
     assert (config.model, config.stations, config.base) == ('renda2012', 101, Pose())
     assert config.arm.material.poisson_ratio == 0.5
 
 
 @pytest.mark.parametrize('number', ['110000', '1.1e5', '11e+4', '.11E6', '1.1e+5'])
-def test_numbers_may_be_integers_or_scientific(tmp_path, number):
+def test_notations_of_numbers_are_read(tmp_path, number):
     text = changed('youngs_modulus: 110000.0', f'youngs_modulus: {number}')
     found = read(tmp_path, text).arm.material.youngs_modulus
     assert found == 110000.0 and isinstance(found, float)
@@ -144,26 +144,26 @@ def test_numbers_may_be_integers_or_scientific(tmp_path, number):
         assert read(tmp_path, changed('stations: 101', f'stations: {text}')).stations == 101
 
 
-def test_a_solver_keeps_to_the_iterations_of_the_budget_and_a_node_to_the_time(tmp_path):
-    heavy = changed('model: renda2012', 'model: exact') + '    loads.gravity: [0.0, 0.0, -9.81]\n'
-    heavy += '    material.density: 1080.0\n'
-    timed = read(tmp_path, heavy + '    solve_budget.seconds: 1.0e-9\n')
+def test_budget_of_iterations_and_of_time(tmp_path):
+    text = changed('model: renda2012', 'model: exact') + '    loads.gravity: [0.0, 0.0, -9.81]\n'
+    text += '    material.density: 1080.0\n'
+    timed = read(tmp_path, text + '    solve_budget.seconds: 1.0e-9\n')
     rest = np.zeros((3, 4))
     assert timed.solver().solve(rest).residual < 1e-10
     with pytest.raises(ContinuationError, match='budget of 1e-09 s'):
         timed.solver(budget=timed.solve_budget).solve(rest)
-    counted = read(tmp_path, heavy + '    solve_budget.iterations: 1\n')
+    counted = read(tmp_path, text + '    solve_budget.iterations: 1\n')
     with pytest.raises(ContinuationError, match='budget of 1 iterations'):
         counted.solver().solve(rest)
 
 
-# What is refused -------------------------------------------------------------------------------
+# Invalid files ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('name', [p.name for p in PARAMETERS if p.default is None])
-def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
+def test_error_of_a_missing_parameter_has_type_and_meaning(tmp_path, name):
     line = next(row for row in GOOD.splitlines() if row.strip().startswith(name.split('.')[1]))
-    # The last parts of these names occur once in the file.
+    # The last part of each of these names occurs once in the file.
     parameter = next(p for p in PARAMETERS if p.name == name)
     with pytest.raises(ConfigError) as refusal:
         read(tmp_path, changed(line + '\n', ''))
@@ -216,7 +216,7 @@ def test_a_missing_parameter_is_named_with_its_type_and_meaning(tmp_path, name):
         ),
     ],
 )
-def test_a_bad_value_is_named_with_what_was_expected(tmp_path, old, new, message):
+def test_errors_name_value_and_expectation(tmp_path, old, new, message):
     with pytest.raises(ConfigError) as refusal:
         read(tmp_path, changed(old, new))
     assert str(refusal.value).startswith(f'{tmp_path / "arm.yaml"}: {message}')
@@ -231,14 +231,14 @@ def test_a_bad_value_is_named_with_what_was_expected(tmp_path, old, new, message
         ('tension_names', 'a', "string[], as ['a']"),
     ],
 )
-def test_a_list_of_a_value_is_proposed_where_it_is_one(name, value, expected):
+def test_error_proposes_a_list(name, value, expected):
     with pytest.raises(ConfigError) as refusal:
         Config.from_parameters(load_parameters('renda2012_table4') | {name: value})
     assert str(refusal.value) == f'{name} is {value!r}, expected {expected}'
 
 
 def _doubling(kind: str) -> str:
-    """A YAML document of 40 lines with 2^40 values when aliases are expanded."""
+    """Return a YAML document of 40 lines whose aliases expand to 2^40 values."""
     lines = ['a0: &a0 {k: 1}']
     for i in range(1, 40):
         pair = f'{{b: *a{i - 1}, c: *a{i - 1}}}' if kind == 'maps' else f'[*a{i - 1}, *a{i - 1}]'
@@ -262,7 +262,7 @@ def _length(text: str) -> str:
             'a:\n  ros__parameters: {}\nb/c:\n  ros__parameters: {}\n',
             ": ros__parameters found below ['/a', '/b/c'], expected exactly one, best",
         ),
-        # Not far enough to the right.
+        # Wrong indentation.
         (GOOD + '  loads: {gravity: [0, 1, 2]}\n', ': /**/loads/gravity is [0, 1, 2] beside ros'),
         ('/**:\n  a: [1\n', ', line 3: not valid YAML, '),
         ('/**:\n\tros__parameters: 1\n', ", line 2: not valid YAML, found character '\\t'"),
@@ -286,14 +286,14 @@ def _length(text: str) -> str:
                 '"\0"',
             )
         ),
-        # Keys are texts.
+        # Keys are strings.
         ('1: {a: 2}\n1.0: {a: 3}\n', 'ros__parameters found below no node name'),
         ('1: {a: 2}\n1: {a: 3}\n', "line 2: not valid YAML, '1' is given twice"),
         ('true: {a: 2}\nyes: {a: 3}\n', 'ros__parameters found below no node name'),
         ('[a]: 1\n', 'line 1: not valid YAML, expected a name before the colon'),
         ('{a: 1}: 1\n', 'line 1: not valid YAML, expected a name before the colon'),
         (GOOD + '    1: 2\n    1.0: 3\n', '1 is no parameter of the arm'),
-        # What stands for more than it says.
+        # Aliases, nesting and sizes.
         (_doubling('maps'), 'line 15: not valid YAML, more than 100000 values, with aliases'),
         (_doubling('lists'), 'not valid YAML, more than 100000 values, with aliases written out'),
         ('{a: ' * 50_000, 'line 1: not valid YAML, nested more than 20 deep'),
@@ -301,7 +301,7 @@ def _length(text: str) -> str:
         ('a: &a {b: *a}', 'line 1: not valid YAML, an alias within what it stands for'),
         ('# ' * 600_000, 'arm.yaml: larger than 1048576 bytes'),
         ('a: ' + '9' * 5000, 'is no integer'),
-        # What ROS reads as a text is no number.
+        # ROS reads these as strings.
         *(
             (_length(text), f"is '{text}', expected double")
             for text in ('1:30', '1_000', '0b1', '2026-01-01', '190:20:30.15', '6_8.0')
@@ -314,19 +314,17 @@ def _length(text: str) -> str:
     ],
     ids=lambda text: text[-24:],
 )
-def test_text_that_is_no_parameter_file_is_refused_in_a_line_that_names_it(
-    tmp_path, text, message
-):
+def test_invalid_files_are_refused_in_one_line(tmp_path, text, message):
     with pytest.raises(ConfigError) as refusal:
         read(tmp_path, text)
     said = str(refusal.value)
     assert said.startswith(str(tmp_path / 'arm.yaml')) and message in said and '\n' not in said
 
 
-def test_what_is_no_file_of_text_is_refused(tmp_path):
+def test_unreadable_files_are_refused(tmp_path):
     (tmp_path / 'bytes').write_bytes(b'\xff\xfe\x00')
     (tmp_path / 'folder').mkdir()
-    os.mkfifo(tmp_path / 'pipe')  # which is not waited for
+    os.mkfifo(tmp_path / 'pipe')  # reading it would block
     for name, reason in {
         'nowhere.yaml': 'No such file or directory',
         'folder': 'Is a directory',
@@ -338,7 +336,7 @@ def test_what_is_no_file_of_text_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize('text', ['1:30', '1_000', '2026-01-01', '=', '<<', '.'])
-def test_what_ros_reads_as_a_text_is_one(tmp_path, text):
+def test_strings_are_read_as_by_ros(tmp_path, text):
     config = read(tmp_path, changed('base_frame: arm_base', f'base_frame: {text}'))
     assert config.base_frame == text
 
@@ -346,8 +344,7 @@ def test_what_ros_reads_as_a_text_is_one(tmp_path, text):
 ODD_NAMES = ('y', 'n', '1', '1.0', '1e5', '08', '0x1F', 'nan', 'inf', '1:30', 'null', '~', 'ø')
 
 
-def test_a_file_of_a_launch_file_is_read():
-    """launch_ros makes tuples of lists of parameters, and writes all with `yaml.dump`."""
+def test_files_of_launch_ros_are_read():
     parameters = {'base.position': (0.0, 0.1, 0.0), 'tension_names': ('a', '-'), 'stations': 11}
     text = yaml.dump({'/**': {'ros__parameters': parameters}}, default_flow_style=False)
     assert 'python/tuple' in text
@@ -355,11 +352,11 @@ def test_a_file_of_a_launch_file_is_read():
     assert parse_parameters(text, 'it') == expected
 
 
-def test_texts_come_back_from_the_file_as_they_were():
+def test_written_strings_are_read_unchanged():
     values = {'tendon_names': list(ODD_NAMES), 'base_frame': 'no', 'frame_prefix': '.inf'}
     text = parameters_as_yaml(values)
     assert parse_parameters(text, 'it') == values
-    # As plain scalars C, and so ROS, reads these as numbers.
+    # As plain scalars ROS reads these as numbers.
     for word in ('nan', 'inf', 'y', '08', '1e5'):
         assert f"'{word}'" in text
 
@@ -381,14 +378,14 @@ def test_texts_come_back_from_the_file_as_they_were():
         ('a | double | 1.0 | > 0 | most many\n    length', "'most many' is not an option"),
     ],
 )
-def test_a_malformed_row_of_the_table_of_parameters_is_refused(row, message):
+def test_malformed_rows_of_the_table_of_parameters_are_refused(row, message):
     with pytest.raises(ValueError, match=f'^row .* of parameters: .*{message}'):
         read_table(f'first | double | 0.0\n    length\n{row}\n')
 
 
 @pytest.mark.parametrize('name', ['base_frame', 'frame_prefix', 'tendon_names', 'profile.name'])
 @pytest.mark.parametrize('text', ['a\0b', 'a\ud800b', 'x' * 256])
-def test_a_text_that_no_message_can_carry_is_refused(name, text):
+def test_invalid_strings_are_refused(name, text):
     table = (*PARAMETERS, *SIMULATOR_PARAMETERS)
     parameter = next(p for p in table if p.name == name)
     value = ['a', text] if parameter.is_array else text
@@ -418,7 +415,7 @@ def test_a_text_that_no_message_can_carry_is_refused(name, text):
         ),
         ({'base.position': [0.0] * 10**6}, 'base.position has 1000000 values, expected at most'),
         ({'base.position': [0.0] * 999}, r'base.position is \(0.0, .*\.\.\., expected 3'),
-        # Of what nothing is built from.
+        # Parameters that build nothing here.
         ({'body.table_radius': [0.01] * 1001}, 'body.table_radius has 1001 values, expected at m'),
         (
             {'material.table_youngs_modulus': [NAN]},
@@ -441,8 +438,8 @@ def test_a_text_that_no_message_can_carry_is_refused(name, text):
     ],
     ids=lambda value: str(value)[:30],
 )
-def test_sizes_have_bounds(changes, message):
-    # Sizes are checked before anything of that size is made.
+def test_sizes_are_bounded(changes, message):
+    # Sizes are checked before anything of that size is allocated.
     values = {**DOTTED, 'sections.offset_anchorage': [0.0], **changes}
     with pytest.raises(OctoArmError, match=message) as refusal:
         Config.from_parameters(values).solver()
@@ -450,7 +447,7 @@ def test_sizes_have_bounds(changes, message):
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
-def test_the_most_tendons_go_with_the_most_stations(model):
+def test_largest_numbers_of_tendons_and_stations_work_together(model):
     values = DOTTED | {'sections.tendons': [256], 'stations': 10_000, 'model': model}
     solver = Config.from_parameters(values).solver()
     shape = solver.solve(np.full(solver.arm.tension_shape, 1e-3))

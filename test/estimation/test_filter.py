@@ -1,4 +1,4 @@
-"""The estimator on simulated arms: facts that do not depend on its code."""
+"""The filter on simulated arms: limits, consistency, observability and errors."""
 
 import dataclasses
 import math
@@ -48,28 +48,28 @@ def truth(model: ArmModel, force: np.ndarray, tensions: np.ndarray = TENSIONS) -
     return Prediction(model, x, None)
 
 
-def test_with_tension_only_it_is_the_forward_model_with_propagated_covariance():
+def test_estimate_from_tensions_equals_the_solver_with_its_covariance():
     model = rubber(Unknowns(Walk(1e4)))
-    found = Filter(model).add(0.0, [Tensions(TENSIONS, 0.02)])
+    estimate = Filter(model).add(0.0, [Tensions(TENSIONS, 0.02)])
     solver = Solver(RUBBER, 'exact', 31)
     expected = solver.solve([TENSIONS])
-    np.testing.assert_allclose(found.backbone.position, expected.position, atol=1e-10)
+    np.testing.assert_allclose(estimate.backbone.position, expected.position, atol=1e-10)
     covariance = solver.tip_covariance(expected, Uncertainty(tension=0.02))
     np.testing.assert_allclose(
-        found.pose_covariance[-1], covariance, atol=1e-9 * np.abs(covariance).max()
+        estimate.pose_covariance[-1], covariance, atol=1e-9 * np.abs(covariance).max()
     )
-    np.testing.assert_array_equal(found.pose_covariance[0], 0.0)
-    assert not found.unobserved
+    np.testing.assert_array_equal(estimate.pose_covariance[0], 0.0)
+    assert not estimate.unobserved
 
 
-def test_a_first_reading_of_a_slack_tendon_may_be_negative():
+def test_negative_reading_of_a_slack_tendon_is_accepted():
     model = rubber(FORCE_AT_TIP)
     tensions = np.where(TENSIONS == TENSIONS.min(), 0.0, TENSIONS)
-    at = truth(model, np.zeros(3), tensions)
+    tip = truth(model, np.zeros(3), tensions).solved.tip
     readings = np.where(tensions == 0.0, -0.05, tensions)
-    found = Filter(model).add(0.0, [Tensions(readings, 0.05), TipPosition(at.solved.tip, 1e-3)])
-    assert found.tensions.min() >= 0.0 and not found.refused
-    np.testing.assert_allclose(found.backbone.tip, at.solved.tip, atol=3e-3)
+    estimate = Filter(model).add(0.0, [Tensions(readings, 0.05), TipPosition(tip, 1e-3)])
+    assert estimate.tensions.min() >= 0.0 and not estimate.refused
+    np.testing.assert_allclose(estimate.backbone.tip, tip, atol=3e-3)
 
 
 _ARM = {
@@ -97,26 +97,26 @@ _DESCRIBED = {
 
 
 @pytest.mark.parametrize('what', _DESCRIBED)
-def test_the_arm_of_a_file_is_estimated_as_it_is_described(what):
+def test_parameters_of_the_arm_are_used(what):
     config = Config.from_parameters({**_ARM, **_DESCRIBED[what]})
     shape = config.solver('exact').solve([TENSIONS])
     readings = config.load_cells.readings(TENSIONS)
     tensions = Tensions(config.load_cells.scale_and_offset(readings), 0.02)
     unknowns = Unknowns(tension=Walk(5.0), tip_force=Walk(0.01))
     estimator = Filter(ArmModel.of(config, unknowns))
-    found = estimator.add(0.0, [tensions, TipPosition(shape.tip, 1e-4)])
-    assert found.refused == ()
-    known = np.array(config.loads.tip_force)
-    np.testing.assert_allclose(found.tip_wrench[:3], known, atol=2e-5)
-    np.testing.assert_allclose(found.backbone.position, shape.position, atol=1e-5)
-    # Of the arm alone the tip is elsewhere, which no force explains, and that is told.
-    bare = Filter(ArmModel(config.arm, unknowns)).add(
+    estimate = estimator.add(0.0, [tensions, TipPosition(shape.tip, 1e-4)])
+    assert estimate.refused == ()
+    force = np.array(config.loads.tip_force)
+    np.testing.assert_allclose(estimate.tip_wrench[:3], force, atol=2e-5)
+    np.testing.assert_allclose(estimate.backbone.position, shape.position, atol=1e-5)
+    # Without these parameters no force explains the tip, which is refused.
+    without_parameters = Filter(ArmModel(config.arm, unknowns)).add(
         0.0, [tensions, TipPosition(shape.tip + [0.24, 0.0, 0.0], 1e-4)]
     )
-    assert bare.refused == ('tip position',)
+    assert without_parameters.refused == ('tip position',)
 
 
-def test_a_displacement_longer_than_the_tendon_is_refused_as_that():
+def test_displacement_longer_than_the_tendon_is_refused():
     model = rubber(Unknowns(Walk(5.0)))
     with pytest.raises(MeasurementError, match='displacement of tendon_1_2 is 25 m, expected les'):
         Filter(model).add(0.0, [TendonDisplacements([0.0, 25.0, 0.0, 0.0], 1e-4)])
@@ -130,39 +130,39 @@ STRIP = dataclasses.replace(
 @pytest.mark.parametrize(
     ('arm', 'law'), [(RUBBER, 'neo_hookean'), (STRIP, 'neo_hookean'), (STRIP, 'linear')]
 )
-def test_exact_measurements_give_the_wrench(arm, law):
-    # Light, so that no other wrench has the same tip.
+def test_exact_tip_pose_gives_the_wrench(arm, law):
+    # The strip has no weight, because otherwise another wrench gives the same tip.
     loads = WEIGHT if arm is RUBBER else dataclasses.replace(WEIGHT, gravity=ZERO)
     model = ArmModel(arm, AT_TIP, loads=loads, material=law, stations=31)
     x = np.concatenate([TENSIONS, [0.008, -0.006, 0.012], [1e-4, -2e-4, 1.5e-4]])
-    at = Prediction(model, x, None)
-    shape = at.solved
-    found = Filter(model).add(
+    exact = Prediction(model, x, None)
+    shape = exact.solved
+    estimate = Filter(model).add(
         0.0, [Tensions(TENSIONS, 1e-9), TipPose(shape.tip, shape.quaternion[-1], np.full(6, 1e-9))]
     )
-    known = np.array(WEIGHT.tip_force)
+    force = np.array(WEIGHT.tip_force)
     scale = np.linalg.norm(x[4:7])
-    np.testing.assert_allclose(found.tip_wrench[:3] - known, x[4:7], atol=1e-6 * scale)
-    np.testing.assert_allclose(found.tip_wrench[3:], x[7:], atol=1e-6 * 2e-4)
-    np.testing.assert_allclose(found.backbone.position, shape.position, atol=1e-8)
+    np.testing.assert_allclose(estimate.tip_wrench[:3] - force, x[4:7], atol=1e-6 * scale)
+    np.testing.assert_allclose(estimate.tip_wrench[3:], x[7:], atol=1e-6 * 2e-4)
+    np.testing.assert_allclose(estimate.backbone.position, shape.position, atol=1e-8)
 
 
 def test_exact_displacements_and_base_wrench_give_tensions_and_force():
     model = rubber(FORCE_AT_TIP, loads=WEIGHT)
     at = truth(model, np.array([0.004, 0.012, -0.008]))
-    drawn_in = model.solver.rest_lengths.ravel() - at.tendon_lengths
+    lengths = model.solver.rest_lengths.ravel() - at.tendon_lengths
     wrench = -BaseWrench(np.zeros(6), 1.0).innovation(at)
-    measured = [
+    data = [
         Tensions(TENSIONS + [0.02, 0.0, -0.01, 0.01], 0.02),
-        TendonDisplacements(drawn_in, 1e-6),
+        TendonDisplacements(lengths, 1e-6),
         BaseWrench(wrench, 1e-6),
     ]
-    found = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, measured)
-    np.testing.assert_allclose(found.tensions, TENSIONS, atol=1e-3)
-    np.testing.assert_allclose(found.tip_wrench, model.tip_wrench(at.x), atol=1e-5)
+    estimate = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, data)
+    np.testing.assert_allclose(estimate.tensions, TENSIONS, atol=1e-3)
+    np.testing.assert_allclose(estimate.tip_wrench, model.tip_wrench(at.x), atol=1e-5)
 
 
-def test_a_force_on_a_robot_of_discs_is_found():
+def test_force_on_a_robot_with_discs_is_found():
     discs = Discs.evenly(4, RUBBER.length, 0.004, 0.002)
     arm = dataclasses.replace(RUBBER, body=Body(0.2, 0.0075, 0.0075), discs=discs)
     model = ArmModel(arm, FORCE_AT_TIP, loads=Loads(gravity=(0.0, 0.0, -9.81)), stations=31)
@@ -170,49 +170,49 @@ def test_a_force_on_a_robot_of_discs_is_found():
     wrench = -BaseWrench(np.zeros(6), 1.0).innovation(at)
     mass = 1080.0 * np.pi * 0.0075**2 * 0.2 + 5 * 0.002
     assert wrench[2] == pytest.approx(-0.008 - 9.81 * mass, rel=1e-6)
-    measured = [
+    data = [
         Tensions(0.5 * TENSIONS, 1e-6),
         TipPosition(at.solved.tip, 1e-7),
         BaseWrench(wrench, 1e-5),
     ]
-    found = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, measured)
-    np.testing.assert_allclose(found.tip_wrench[:3], [0.004, 0.012, -0.008], atol=1e-5)
+    estimate = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, data)
+    np.testing.assert_allclose(estimate.tip_wrench[:3], [0.004, 0.012, -0.008], atol=1e-5)
 
 
-def test_what_friction_does_is_within_the_covariance():
-    rough = dataclasses.replace(RUBBER, friction=(0.15,) * 4)
+def test_effect_of_friction_is_within_the_covariance():
+    with_friction = dataclasses.replace(RUBBER, friction=(0.15,) * 4)
     force, tensions = np.array([0.002, -0.006, 0.005]), 2.0 * TENSIONS
-    shape = Solver(rough, 'exact', 31).solve([tensions], np.append(force, np.zeros(3)))
-    measured = [Tensions(tensions, 0.005), TipPosition(shape.tip, 1e-3)]
+    shape = Solver(with_friction, 'exact', 31).solve([tensions], np.append(force, np.zeros(3)))
+    data = [Tensions(tensions, 0.005), TipPosition(shape.tip, 1e-3)]
     unknowns = dataclasses.replace(FORCE_AT_TIP, tension_loss=Walk(0.3))
-    off = {}
+    squares = {}
     for name, model in (
-        ('unknown', ArmModel(rough, unknowns, stations=31)),
+        ('unknown', ArmModel(with_friction, unknowns, stations=31)),
         ('ignored', rubber(FORCE_AT_TIP)),
     ):
-        found = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, measured)
-        error, known = found.tip_wrench[:3] - force, found.tip_wrench_covariance[:3, :3]
-        off[name] = error @ np.linalg.solve(known, error)
+        estimate = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, data)
+        error, covariance = estimate.tip_wrench[:3] - force, estimate.tip_wrench_covariance[:3, :3]
+        squares[name] = error @ np.linalg.solve(covariance, error)
     limit = chi2.ppf(0.999, 3)
-    assert off['unknown'] < limit < off['ignored']
+    assert squares['unknown'] < limit < squares['ignored']
 
 
-def test_an_axial_force_on_a_straight_arm_is_not_observable():
+def test_axial_force_on_a_straight_arm_is_not_observable():
     unknowns = dataclasses.replace(FORCE_AT_TIP, tip_force=Walk(1e-3))
     model = rubber(unknowns)
     straight = truth(model, np.zeros(3), np.full(4, 0.3))
-    measured = [Tensions(np.full(4, 0.3), 1e-6), TipPosition(straight.solved.tip, 5e-4)]
-    found = Filter(model).add(0.0, measured)
-    axial, *across = np.sqrt(np.diag(found.tip_wrench_covariance)[:3])
+    data = [Tensions(np.full(4, 0.3), 1e-6), TipPosition(straight.solved.tip, 5e-4)]
+    estimate = Filter(model).add(0.0, data)
+    axial, *across = np.sqrt(np.diag(estimate.tip_wrench_covariance)[:3])
     # The tip moves by F L / EA: hundredths of a millimetre for a force of the prior's size.
     assert axial == pytest.approx(1e-3, rel=0.01)
     assert max(across) < 0.3e-3
-    (open_direction,) = found.unobserved
+    (open_direction,) = estimate.unobserved
     assert open_direction.reason == 'tip_force x keeps its prior'
 
 
 def simulated(seed: int, steps: int) -> list[tuple[Estimate, np.ndarray, Prediction]]:
-    """Estimates, states and shapes of a run whose noise is as it is told."""
+    """Return estimates, true states and shapes of a run whose noise is as assumed."""
     rng = np.random.default_rng(seed)
     unknowns = Unknowns(
         Walk(1.0, 1.0),
@@ -224,107 +224,108 @@ def simulated(seed: int, steps: int) -> list[tuple[Estimate, np.ndarray, Predict
     state = model.state
     stddev = state.prior_stddev()
     x = stddev * rng.normal(size=state.size)
-    own, found = Filter(model, rules=Rules(gate=1.0 - 1e-9)), []
+    filter_, steps_ = Filter(model, rules=Rules(gate=1.0 - 1e-9)), []
     pull = 1.0 + rng.uniform(0.0, 1.0, 4)
     for step in range(steps):
         if step:
             x = state.decay(0.1) * x + state.growth(0.1) * rng.normal(size=state.size)
         x[state.tension] = pull + 0.3 * np.sin(step + np.arange(4))
-        at = Prediction(model, x, found[-1][2].solved if found else None)
-        shape = at.solved
-        read = x[state.tension] + x[state.tension_bias] + 2e-3 * rng.normal(size=4)
-        moved = shape.tip + 5e-4 * rng.normal(size=3)
-        drawn_in = model.solver.rest_lengths.ravel() - at.tendon_lengths
-        drawn_in = drawn_in + 2e-4 * rng.normal(size=4)
-        measured = [
-            Tensions(read, 2e-3),
-            TipPosition(moved, 5e-4),
-            TendonDisplacements(drawn_in, 2e-4),
+        real = Prediction(model, x, steps_[-1][2].solved if steps_ else None)
+        shape = real.solved
+        readings = x[state.tension] + x[state.tension_bias] + 2e-3 * rng.normal(size=4)
+        position = shape.tip + 5e-4 * rng.normal(size=3)
+        lengths = model.solver.rest_lengths.ravel() - real.tendon_lengths
+        lengths = lengths + 2e-4 * rng.normal(size=4)
+        data = [
+            Tensions(readings, 2e-3),
+            TipPosition(position, 5e-4),
+            TendonDisplacements(lengths, 2e-4),
         ]
-        found.append((own.add(0.1 * step, measured), x.copy(), at))
-    return found
+        steps_.append((filter_.add(0.1 * step, data), x.copy(), real))
+    return steps_
 
 
 @pytest.mark.parametrize('runs', [8, pytest.param(60, marks=pytest.mark.endurance)])
-def test_errors_are_as_large_as_the_covariance_says(runs):
+def test_errors_are_consistent_with_the_covariance(runs):
     steps = 3
     squares: dict[str, list[float]] = {'state': [], 'force': [], 'tip': [], 'innovation': []}
-    inside = []
+    covered = []
     for seed in range(runs):
-        for found, x, at in simulated(seed, steps):
-            state = found.state
-            error = found.mean - x
-            assert found.normalised_square[1] == 11
-            squares['innovation'].append(found.normalised_square[0] / 11)
-            # Tensions are drawn from no prior; what the others tell is a part of the state.
+        for estimate, x, real in simulated(seed, steps):
+            state, tip = estimate.state, real.solved.tip
+            error = estimate.mean - x
+            assert estimate.normalised_square[1] == 11
+            squares['innovation'].append(estimate.normalised_square[0] / 11)
+            # True tensions do not follow the prior, so that only the other states are tested.
             rest = slice(state.tension_bias.start, state.size)
-            for name, wrong, covariance in (
-                ('state', error[rest], found.covariance[rest, rest]),
-                ('force', error[state.tip_force], found.tip_wrench_covariance[:3, :3]),
-                ('tip', found.backbone.tip - at.solved.tip, found.pose_covariance[-1, :3, :3]),
+            for name, delta, covariance in (
+                ('state', error[rest], estimate.covariance[rest, rest]),
+                ('force', error[state.tip_force], estimate.tip_wrench_covariance[:3, :3]),
+                ('tip', estimate.backbone.tip - tip, estimate.pose_covariance[-1, :3, :3]),
             ):
-                square = wrong @ np.linalg.solve(covariance, wrong) / wrong.size
+                square = delta @ np.linalg.solve(covariance, delta) / delta.size
                 squares[name].append(float(square))
             force = np.abs(error[state.tip_force])
-            limit = 1.96 * np.sqrt(np.diag(found.tip_wrench_covariance)[:3])
-            inside.append(force < limit)
+            limit = 1.96 * np.sqrt(np.diag(estimate.tip_wrench_covariance)[:3])
+            covered.append(force < limit)
     for name, size in (('state', 8), ('force', 3), ('tip', 3)):
-        # Errors of the steps of a run are not independent: as if there were one a run.
+        # Errors within a run are correlated, so that a run counts as one sample.
         low, high = chi2.ppf([1e-4, 1.0 - 1e-4], runs * size) / (runs * size)
         mean = np.mean(squares[name])
         assert low < mean < high, (name, mean, low, high)
     low, high = chi2.ppf([1e-4, 1.0 - 1e-4], runs * steps * 11) / (runs * steps * 11)
-    # Of each first step the tensions' prior explains all of four readings.
+    # In each first step the prior of tensions explains all four readings.
     expected = 1.0 - 4.0 / 11.0 / steps
     assert low * expected < np.mean(squares['innovation']) < high, (low, high)
-    # As for the squares: as if there were one step a run.
+    # Here too a run counts as one sample.
     low, high = binom.ppf([1e-4, 1.0 - 1e-4], 3 * runs, 0.95) / (3 * runs)
-    assert low <= np.mean(inside) <= high
+    assert low <= np.mean(covered) <= high
 
 
-def test_a_slack_tendon_is_estimated_slack():
+def test_slack_tendon_has_zero_tension():
     model = rubber(Unknowns(Walk(10.0), tension_bias=Walk(0.05)))
-    found = Filter(model).add(0.0, [Tensions([1.0, -0.02, 0.5, 0.3], 0.01)])
-    assert found.tensions[1] == found.backbone.tensions[0, 1] == 0.0
-    # All of it is bias then, or noise, in proportion to their variances.
-    assert found.tension_bias[1] == pytest.approx(-0.02 * 0.05**2 / (0.05**2 + 0.01**2), rel=1e-3)
+    estimate = Filter(model).add(0.0, [Tensions([1.0, -0.02, 0.5, 0.3], 0.01)])
+    assert estimate.tensions[1] == estimate.backbone.tensions[0, 1] == 0.0
+    # The reading is bias and noise, in proportion to their variances.
+    expected = -0.02 * 0.05**2 / (0.05**2 + 0.01**2)
+    assert estimate.tension_bias[1] == pytest.approx(expected, rel=1e-3)
 
 
-def test_sensors_lost_and_back():
+def test_force_returns_to_its_prior_without_sensors():
     model = rubber(FORCE_AT_TIP)
     at = truth(model, np.array([0.0, 0.008, -0.005]))
-    own = Filter(model)
+    estimator = Filter(model)
     tensions, tip = Tensions(TENSIONS, 0.01), TipPosition(at.solved.tip, 1e-3)
-    sure = own.add(0.0, [tensions, tip])
-    unsure = own.add(10.0, [tensions])
-    # Ten times the correlation time later nothing is known of the force.
-    stddev = np.sqrt(np.diag(unsure.tip_wrench_covariance)[:3])
+    first = estimator.add(0.0, [tensions, tip])
+    later = estimator.add(10.0, [tensions])
+    # After ten correlation times the force has its prior again.
+    stddev = np.sqrt(np.diag(later.tip_wrench_covariance)[:3])
     np.testing.assert_allclose(stddev, 0.01, rtol=1e-3)
-    np.testing.assert_allclose(unsure.tip_wrench[:3], 0.0, atol=1e-5)
-    assert len(unsure.unobserved) == 3
-    again = own.add(10.1, [tensions, tip])
-    np.testing.assert_allclose(again.tip_wrench, sure.tip_wrench, atol=1e-3)
+    np.testing.assert_allclose(later.tip_wrench[:3], 0.0, atol=1e-5)
+    assert len(later.unobserved) == 3
+    again = estimator.add(10.1, [tensions, tip])
+    np.testing.assert_allclose(again.tip_wrench, first.tip_wrench, atol=1e-3)
 
 
-def test_a_failing_step_leaves_the_filter_as_it_was():
-    own = Filter(rubber(FORCE_AT_TIP))
-    own.add(0.0, [Tensions(TENSIONS, 0.01)])
-    before = own.last
+def test_failed_step_leaves_the_filter_unchanged():
+    estimator = Filter(rubber(FORCE_AT_TIP))
+    estimator.add(0.0, [Tensions(TENSIONS, 0.01)])
+    before = estimator.last
     with pytest.raises(MeasurementError, match='expected 4'):
-        own.add(0.1, [Tensions([1.0], 0.01)])
-    assert own.last is before
-    for bad in (math.nan, math.inf):
+        estimator.add(0.1, [Tensions([1.0], 0.01)])
+    assert estimator.last is before
+    for time in (math.nan, math.inf):
         with pytest.raises(MeasurementError, match='time'):
-            own.add(bad, [])
+            estimator.add(time, [])
     with pytest.raises(MeasurementError, match='window is -1'):
-        Filter(own.model, -1.0)
+        Filter(estimator.model, -1.0)
     for name, wrong in (('gate', 1.0), ('cell_fault', -0.1), ('recover_after', -1.0)):
         with pytest.raises(MeasurementError, match=f'{name} is {wrong}, expected'):
             Rules(**{name: wrong})
 
 
 @pytest.mark.parametrize('wrong', ['0.5', True, None])
-def test_what_is_no_number_is_refused_by_the_name_of_its_field(wrong):
+def test_values_that_are_not_numbers_are_refused(wrong):
     for build, names in (
         (lambda **given: Walk(**{'stddev': 1.0, **given}), ('stddev', 'rate', 'correlation_time')),
         (Rules, ('gate', 'cell_fault', 'sensor_fault', 'recover_after')),
@@ -336,7 +337,7 @@ def test_what_is_no_number_is_refused_by_the_name_of_its_field(wrong):
                 build(**{name: wrong})
 
 
-def test_arguments_of_another_class_are_refused_by_name_and_value():
+def test_arguments_of_other_classes_are_refused():
     model = rubber(FORCE_AT_TIP)
     for build, message in (
         (lambda: ArmModel(RUBBER, None), 'unknowns is None, expected an instance of Unknowns'),
@@ -361,7 +362,7 @@ def test_arguments_of_another_class_are_refused_by_name_and_value():
 
 TENSION = Walk(5.0, 1.0)
 LENGTH = RUBBER.length
-AREA = 0.5 * (0.015 + 0.006) * LENGTH  # of a cone, from the side [m^2]
+AREA = 0.5 * (0.015 + 0.006) * LENGTH  # lateral projection of the cone [m^2]
 CURRENT = Walk.stationary(5.0, 1.0)  # [Pa]
 KINDS = {
     'tip': Unknowns(TENSION, tip_force=LIKELY),
@@ -375,12 +376,12 @@ def estimated(kind, measurements=()):
     return Filter(rubber(KINDS[kind])).add(0.0, [Tensions(TENSIONS, 0.01), *measurements])
 
 
-def test_nothing_is_estimated_where_no_force_is_unknown():
+def test_no_contact_without_an_unknown_force():
     assert contact_of(estimated('none'), RUBBER) is None
 
 
 @pytest.mark.parametrize('kind', ['tip', 'point', 'current'])
-def test_without_more_than_tensions_the_force_keeps_its_prior(kind):
+def test_force_keeps_its_prior_with_tensions_only(kind):
     contact = contact_of(estimated(kind), RUBBER)
     np.testing.assert_allclose(contact.wrench, 0.0, atol=1e-12)
     scale = CURRENT.stddev * AREA if kind == 'current' else LIKELY.stddev
@@ -391,11 +392,11 @@ def test_without_more_than_tensions_the_force_keeps_its_prior(kind):
     np.testing.assert_equal(contact.s, expected)
 
 
-FORCE = np.array([1e-3, -4e-3, 8e-3])  # in all [N]
+FORCE = np.array([1e-3, -4e-3, 8e-3])  # total force [N]
 LOADS = {
     'tip': Loads(tip_force=tuple(FORCE)),
     'point': Loads(points=(PointLoad(0.12, tuple(FORCE)),)),
-    # Per length in proportion to the diameter, which falls linearly.
+    # Force per length in proportion to the diameter.
     'current': Loads(
         distributed=(
             DistributedLoad((0.0, LENGTH), tuple(tuple(FORCE * d / AREA) for d in (0.015, 0.006))),
@@ -405,38 +406,38 @@ LOADS = {
 
 
 @pytest.mark.parametrize('kind', ['tip', 'point', 'current'])
-def test_what_pushes_the_arm_is_found_in_newtons(kind):
+def test_forces_of_all_kinds_are_found(kind):
     shape = Solver(RUBBER, 'exact', 31, loads=LOADS[kind]).solve([TENSIONS])
     markers = Markers(shape.s[10::10], shape.position[10::10], 1e-5)
     contact = contact_of(estimated(kind, [markers]), RUBBER)
     deviation = np.sqrt(contact.covariance.diagonal()[:3])
-    # What is learnt of the force along the arm is little.
+    # The axial force is hardly observable.
     assert (np.abs(contact.wrench[:3] - FORCE) < 3.0 * deviation + 1e-4).all()
     assert deviation.min() < 0.1 * LIKELY.stddev
 
 
-def test_a_backbone_is_moved_to_first_order():
+def test_backbone_at_another_state_is_accurate_to_first_order():
     model = rubber(Unknowns(Walk(0.3), tip_force=LIKELY), loads=WEIGHT)
     at = Prediction(model, np.append(TENSIONS, [0.004, -0.003, 0.006]), None)
-    off = []
+    errors = []
     for size in (1.0, 0.5):
-        by = size * 1e-2 * at.x
-        found = at.backbone_at(at.x + by)
-        expected = Prediction(model, at.x + by, at.solved).solved
-        turned = (
-            Rotation.from_quat(found.quaternion) * Rotation.from_quat(expected.quaternion).inv()
+        change = size * 1e-2 * at.x
+        shape = at.backbone_at(at.x + change)
+        expected = Prediction(model, at.x + change, at.solved).solved
+        rotation = (
+            Rotation.from_quat(shape.quaternion) * Rotation.from_quat(expected.quaternion).inv()
         )
-        off.append(
+        errors.append(
             [
-                np.abs(found.position - expected.position).max(),
-                turned.magnitude().max(),
-                np.abs(found.k - expected.k).max(),
-                np.abs(found.q - expected.q).max(),
+                np.abs(shape.position - expected.position).max(),
+                rotation.magnitude().max(),
+                np.abs(shape.k - expected.k).max(),
+                np.abs(shape.q - expected.q).max(),
             ]
         )
-        np.testing.assert_allclose(np.linalg.norm(found.quaternion, axis=1), 1.0)
-        np.testing.assert_allclose(found.tensions.ravel(), (at.x + by)[:4])
-        np.testing.assert_allclose(found.tip_wrench[:3], (at.x + by)[4:] + WEIGHT.tip_force)
-    # What is left is of second order.
-    np.testing.assert_array_less(off[1], 0.3 * np.array(off[0]))
-    assert off[0][0] < 1e-4
+        np.testing.assert_allclose(np.linalg.norm(shape.quaternion, axis=1), 1.0)
+        np.testing.assert_allclose(shape.tensions.ravel(), (at.x + change)[:4])
+        np.testing.assert_allclose(shape.tip_wrench[:3], (at.x + change)[4:] + WEIGHT.tip_force)
+    # The error is of second order.
+    np.testing.assert_array_less(errors[1], 0.3 * np.array(errors[0]))
+    assert errors[0][0] < 1e-4

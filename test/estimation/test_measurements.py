@@ -1,4 +1,4 @@
-"""What is predicted, against the solver; its derivatives, against differences."""
+"""Predicted measurements and their derivatives; errors of invalid ones."""
 
 import dataclasses
 from collections.abc import Callable
@@ -39,7 +39,7 @@ MEASUREMENTS: dict[str, Callable[[], Measurement]] = {
 
 
 def state_of(model: ArmModel) -> np.ndarray:
-    """A state in which nothing is zero."""
+    """Return a state without zeros."""
     state = model.state
     x = np.empty(state.size)
     x[state.tension], x[state.tension_bias] = TENSIONS, [0.1, -0.05, 0.02, 0.0]
@@ -50,32 +50,33 @@ def state_of(model: ArmModel) -> np.ndarray:
 
 
 @pytest.mark.parametrize('name', MEASUREMENTS)
-def test_derivatives_by_the_whole_state(name):
-    model, one = rubber(EVERYTHING, loads=WEIGHT), MEASUREMENTS[name]()
+def test_derivatives_by_the_state_equal_finite_differences(name):
+    model, item = rubber(EVERYTHING, loads=WEIGHT), MEASUREMENTS[name]()
     x = state_of(model)
-    at = Prediction(model, x, None)
+    truth = Prediction(model, x, None)
     scale = model.state.prior_stddev()
     steps = 1e-2 * np.minimum(scale, 1.0)
-    found = one.jacobian(at) * scale
-    moved = jacobian(lambda y: one.innovation(Prediction(model, y, at.solved)), x, steps)
-    expected = -moved * scale
-    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max(), rtol=0)
+    analytic = item.jacobian(truth) * scale
+    numeric = jacobian(lambda y: item.innovation(Prediction(model, y, truth.solved)), x, steps)
+    expected = -numeric * scale
+    np.testing.assert_allclose(analytic, expected, atol=1e-5 * np.abs(expected).max(), rtol=0)
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'renda2012'])
-def test_derivatives_of_the_papers_models(model):
-    own = rubber(Unknowns(Walk(5.0), log_modulus=Walk(0.05)), model)
+def test_derivatives_with_the_papers_models_equal_finite_differences(model):
+    arm_model = rubber(Unknowns(Walk(5.0), log_modulus=Walk(0.05)), model)
     x = np.append(TENSIONS, 0.1)
-    at = Prediction(own, x, None)
-    one = MEASUREMENTS['tip pose']()
-    moved = jacobian(lambda y: one.innovation(Prediction(own, y, None)), x, 1e-3)
-    np.testing.assert_allclose(one.jacobian(at), -moved, atol=1e-6 * np.abs(moved).max(), rtol=0)
+    truth = Prediction(arm_model, x, None)
+    item = MEASUREMENTS['tip pose']()
+    expected = -jacobian(lambda y: item.innovation(Prediction(arm_model, y, None)), x, 1e-3)
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(item.jacobian(truth), expected, atol=1e-6 * scale, rtol=0)
 
 
-def test_a_stiffer_arm_is_one_of_that_modulus():
+def test_state_changes_modulus_loads_and_tensions_of_the_solver():
     model = rubber(EVERYTHING, loads=WEIGHT)
     x = state_of(model)
-    found = Prediction(model, x, None)
+    prediction = Prediction(model, x, None)
     stiffer = Material(1.1e5 * np.exp(0.1), 0.5, 1080.0)
     pressure = np.array([0.2, -0.3, 0.5])
     ends = tuple(tuple(2.0 * radius * pressure) for radius in (0.0075, 0.003))
@@ -89,46 +90,46 @@ def test_a_stiffer_arm_is_one_of_that_modulus():
     arm = dataclasses.replace(RUBBER, material=stiffer)
     solver = Solver(arm, 'exact', 31, loads=loads)
     expected = solver.solve([TENSIONS * np.exp(-x[model.state.tension_loss])])
-    np.testing.assert_allclose(found.solved.position, expected.position, atol=1e-9)
-    real = found.backbone_at(x)
-    np.testing.assert_allclose(real.tensions, [TENSIONS])
-    np.testing.assert_allclose(real.tip_wrench, [*loads.tip_force, *loads.tip_moment])
+    np.testing.assert_allclose(prediction.solved.position, expected.position, atol=1e-9)
+    backbone = prediction.backbone_at(x)
+    np.testing.assert_allclose(backbone.tensions, [TENSIONS])
+    np.testing.assert_allclose(backbone.tip_wrench, [*loads.tip_force, *loads.tip_moment])
     lengths = solver.tendon_lengths(expected).ravel()
-    np.testing.assert_allclose(found.tendon_lengths, lengths, atol=1e-9)
+    np.testing.assert_allclose(prediction.tendon_lengths, lengths, atol=1e-9)
 
 
 def test_exact_values_leave_no_innovation():
     model = rubber(EVERYTHING, loads=WEIGHT)
     at = Prediction(model, state_of(model), None)
     shape = at.solved
-    drawn_in = model.solver.rest_lengths.ravel() - at.tendon_lengths
+    lengths = model.solver.rest_lengths.ravel() - at.tendon_lengths
     s = shape.s[[3, 17, 30]]
-    for one in (
+    for item in (
         Tensions(TENSIONS + [0.1, -0.05, 0.02, 0.0], 0.1),
-        TendonDisplacements(drawn_in[[2]], 1e-3, ('tendon_1_3',)),
+        TendonDisplacements(lengths[[2]], 1e-3, ('tendon_1_3',)),
         TipPosition(shape.tip, 1e-3),
         TipPose(shape.tip, shape.quaternion[-1], 1e-3),
         Markers(s, shape.position[[3, 17, 30]], 1e-3),
         Curvatures(s, np.stack([shape.xi, shape.k], axis=1)[[3, 17, 30]], 1e-3),
     ):
-        np.testing.assert_allclose(one.innovation(at), 0.0, atol=1e-12)
+        np.testing.assert_allclose(item.innovation(at), 0.0, atol=1e-12)
 
 
-def test_markers_between_stations_lie_on_the_curve():
+def test_markers_between_stations_are_interpolated():
     coarse, fine = (ArmModel(RUBBER, Unknowns(Walk(5.0)), stations=count) for count in (31, 301))
     x = np.array([1.0, 0.0, 0.3, 0.2])
     at, finer = (Prediction(model, x, None) for model in (coarse, fine))
     between = [155, 203]
-    one = Markers(finer.solved.s[between], finer.solved.position[between], 1e-3)
-    np.testing.assert_allclose(one.innovation(at), 0.0, atol=1e-6)
+    markers = Markers(finer.solved.s[between], finer.solved.position[between], 1e-3)
+    np.testing.assert_allclose(markers.innovation(at), 0.0, atol=1e-6)
 
 
-def test_the_base_wrench_is_the_sum_of_all_loads():
+def test_base_wrench_is_the_sum_of_all_loads():
     model = rubber(EVERYTHING, loads=WEIGHT)
     x = state_of(model)
     at = Prediction(model, x, None)
     found = -BaseWrench(np.zeros(6), 1.0).innovation(at)
-    # By the trapezoidal rule over many more stations.
+    # By the trapezoidal rule on a fine grid.
     fine = ArmModel(RUBBER, EVERYTHING, loads=WEIGHT, stations=2001)
     shape = Prediction(fine, x, None).solved
     radius = RUBBER.body.radius(shape.s)
@@ -178,7 +179,7 @@ def test_the_base_wrench_is_the_sum_of_all_loads():
         (lambda: rubber(Unknowns(Walk(1.0), point_forces=(PointForce(0.3, LIKELY),))), '0.3'),
     ],
 )
-def test_what_cannot_be_is_refused(make, message):
+def test_invalid_measurements_are_refused(make, message):
     with pytest.raises(MeasurementError, match=message):
         make()
 
@@ -188,13 +189,13 @@ def _any() -> Prediction:
     return Prediction(model, TENSIONS, None)
 
 
-def test_forces_take_a_model_with_loads():
+def test_forces_with_the_papers_models_are_refused():
     for unknowns in (Unknowns(Walk(1.0), tip_force=LIKELY), Unknowns(Walk(1.0), current=LIKELY)):
         with pytest.raises(ConfigError, match='choose exact'):
             rubber(unknowns, 'closed_form')
 
 
-def test_what_is_no_function_of_the_state_is_refused():
+def test_arms_that_the_state_does_not_describe_are_refused():
     unknowns = Unknowns(Walk(1.0), log_modulus=Walk(0.1))
     with pytest.raises(ConfigError, match='friction, expected an unknown tension_loss'):
         ArmModel(dataclasses.replace(RUBBER, friction=(0.1,) * 4), Unknowns(Walk(1.0)))
@@ -206,23 +207,23 @@ def test_what_is_no_function_of_the_state_is_refused():
         ArmModel(dataclasses.replace(RUBBER, sheath_stiffness=(1e5,) * 4), unknowns)
 
 
-def test_displacements_are_those_of_winches_whose_tendons_stretch():
-    """As `displacements_of` has them: what the arm gives way, and what tendons stretch."""
+def test_displacements_include_the_stretch_of_tendons():
     arm = dataclasses.replace(
         RUBBER, axial_stiffness=(200.0, 300.0, 0.0, 100.0), free_length=(0.1, 0.2, 0.3, 0.0)
     )
     model = ArmModel(arm, Unknowns(Walk(5.0), tip_force=LIKELY), stations=31)
-    at = Prediction(model, np.append(TENSIONS, [0.004, -0.003, 0.006]), None)
+    truth = Prediction(model, np.append(TENSIONS, [0.004, -0.003, 0.006]), None)
     solver = Solver(arm, 'exact', 31)
     shape = solver.solve([TENSIONS], [0.004, -0.003, 0.006, 0.0, 0.0, 0.0])
-    one = TendonDisplacements(displacements_of(solver, shape), 1e-3)
-    np.testing.assert_allclose(one.innovation(at), 0.0, atol=1e-11)
-    assert at.model.tendon_compliance.tolist()[2] == 0.0
-    moved = jacobian(lambda y: one.innovation(Prediction(model, y, at.solved)), at.x, 1e-4)
-    np.testing.assert_allclose(one.jacobian(at), -moved, atol=1e-6 * np.abs(moved).max(), rtol=0)
+    item = TendonDisplacements(displacements_of(solver, shape), 1e-3)
+    np.testing.assert_allclose(item.innovation(truth), 0.0, atol=1e-11)
+    assert truth.model.tendon_compliance.tolist()[2] == 0.0
+    expected = -jacobian(lambda y: item.innovation(Prediction(model, y, None)), truth.x, 1e-4)
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(item.jacobian(truth), expected, atol=1e-6 * scale, rtol=0)
 
 
-def test_the_tip_tells_how_it_bends_with_the_state():
+def test_second_derivatives_of_the_tip_equal_finite_differences():
     unknowns = Unknowns(
         Walk(0.3), Walk(0.1), tip_force=LIKELY, log_modulus=Walk(0.1), tension_loss=Walk(0.3)
     )
@@ -230,16 +231,16 @@ def test_the_tip_tells_how_it_bends_with_the_state():
     x = np.concatenate([TENSIONS, np.zeros(4), [0.004, -0.003, 0.006], [0.1], 0.2 * TENSIONS])
     at = Prediction(model, x, None)
     tip = TipPosition(at.solved.tip, 1e-3)
-    found = tip.second(at)
+    second = tip.second(at)
     stddev = model.state.prior_stddev()
-    expected = np.zeros_like(found)
+    expected = np.zeros_like(second)
     for component in np.flatnonzero(model.state.shapes):
         step = 1e-3 * stddev * (np.arange(x.size) == component)
-        ends = [tip.jacobian(Prediction(model, x + one, at.solved)) for one in (step, -step)]
+        ends = [tip.jacobian(Prediction(model, x + each, at.solved)) for each in (step, -step)]
         expected[:, :, component] = (ends[0] - ends[1]) / (2.0 * step[component])
-    # It tells nothing of how sections stiffen.
-    found, expected = (one * stddev * stddev[:, np.newaxis] for one in (found, expected))
+    # The second derivatives neglect the change of the sections' stiffness.
+    second, expected = (each * stddev * stddev[:, np.newaxis] for each in (second, expected))
     state = model.state
-    for part, most in ((slice(None), 0.1), (state.tip_force, 0.05), (state.tension_loss, 0.1)):
-        off = np.linalg.norm((found - expected)[:, part, part])
-        assert off < most * np.linalg.norm(expected[:, part, part])
+    for block, bound in ((slice(None), 0.1), (state.tip_force, 0.05), (state.tension_loss, 0.1)):
+        error = np.linalg.norm((second - expected)[:, block, block])
+        assert error < bound * np.linalg.norm(expected[:, block, block])

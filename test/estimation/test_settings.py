@@ -1,4 +1,4 @@
-"""What an estimator takes for unknown, from its parameters and the arm's."""
+"""Unknowns and noise of the estimator from its parameters, the arm's and a recording."""
 
 from typing import Any
 
@@ -24,30 +24,30 @@ LENGTH = CONFIG.arm.length
 
 
 def settings(config: Config = CONFIG, **values: Any) -> EstimatorSettings:
-    given = {f'{PREFIX}{name}': value for name, value in values.items()}
-    return EstimatorSettings.from_parameters(given, config)
+    parameters = {f'{PREFIX}{name}': value for name, value in values.items()}
+    return EstimatorSettings.from_parameters(parameters, config)
 
 
-def rates(found: EstimatorSettings) -> list[float]:
-    """How fast the tension of every tendon may change."""
-    tension = found.unknowns['tip'].tension
+def rates(settings_: EstimatorSettings) -> list[float]:
+    """Return the rates of all tensions."""
+    tension = settings_.unknowns['tip'].tension
     return [walk.rate for walk in tension]
 
 
-def test_without_a_word_it_is_a_force_on_the_tip_of_the_size_that_bends_the_arm():
-    found = settings()
-    ((name, unknowns),) = found.unknowns.items()
+def test_default_is_a_tip_force_that_bends_the_arm():
+    chosen = settings()
+    ((name, unknowns),) = chosen.unknowns.items()
     assert name == 'tip' and unknowns.tip_force is not None
     assert unknowns.tip_force.stddev == pytest.approx(bending_force(CONFIG.arm, BENT))
-    assert rates(found) == default_highest(CONFIG.arm).ravel().tolist()
+    assert rates(chosen) == default_highest(CONFIG.arm).ravel().tolist()
     assert unknowns.tip_moment is unknowns.tension_bias is unknowns.log_modulus is None
-    # What was not given is said.
-    assert len(found.notes) == 3
-    assert any('tension_stddev is not given' in note for note in found.notes)
+    # Notes name the defaults.
+    assert len(chosen.notes) == 3
+    assert any('tension_stddev is not given' in note for note in chosen.notes)
 
 
-def test_what_the_arm_and_the_recording_say_comes_first():
-    known = Config.from_parameters(
+def test_arm_and_recording_override_defaults():
+    config = Config.from_parameters(
         {
             **VALUES,
             'model': 'exact',
@@ -57,16 +57,16 @@ def test_what_the_arm_and_the_recording_say_comes_first():
         }
     )
     recorded = TensionStatistics(0.007, 0.2)
-    found = EstimatorSettings.from_parameters({}, known, recorded)
-    assert found.noise.tension == 0.03
-    assert found.noise.model_position == pytest.approx(0.01 * LENGTH)
-    assert rates(found) == [0.2] * 4
-    assert found.unknowns['tip'].log_modulus is not None
-    found = EstimatorSettings.from_parameters({}, CONFIG, recorded)
-    assert found.noise.tension == 0.007
-    given = {f'{PREFIX}tension_rate': 1.5}
-    found = EstimatorSettings.from_parameters(given, CONFIG, recorded)
-    assert rates(found) == [1.5] * 4
+    chosen = EstimatorSettings.from_parameters({}, config, recorded)
+    assert chosen.noise.tension == 0.03
+    assert chosen.noise.model_position == pytest.approx(0.01 * LENGTH)
+    assert rates(chosen) == [0.2] * 4
+    assert chosen.unknowns['tip'].log_modulus is not None
+    chosen = EstimatorSettings.from_parameters({}, CONFIG, recorded)
+    assert chosen.noise.tension == 0.007
+    parameters = {f'{PREFIX}tension_rate': 1.5}
+    chosen = EstimatorSettings.from_parameters(parameters, CONFIG, recorded)
+    assert rates(chosen) == [1.5] * 4
 
 
 @pytest.mark.parametrize(
@@ -84,9 +84,7 @@ def test_what_the_arm_and_the_recording_say_comes_first():
         ),
     ],
 )
-def test_what_a_recording_says_is_within_the_range_of_the_parameter_or_not_needed(
-    recorded, given, words
-):
+def test_statistics_of_a_recording_are_bounded_unless_given(recorded, given, words):
     with pytest.raises(ConfigError, match=words):
         EstimatorSettings.from_parameters({}, CONFIG, recorded)
     of_arm = {name: value for name, value in given.items() if not name.startswith(PREFIX)}
@@ -108,37 +106,37 @@ def test_what_a_recording_says_is_within_the_range_of_the_parameter_or_not_neede
         ),
     ],
 )
-def test_places_of_contact(values, expected):
-    found = settings(**values).unknowns
-    assert {name: len(one.point_forces) for name, one in found.items()} == expected
-    assert all(one.tip_force is None for one in found.values())
+def test_contact_determines_the_hypotheses(values, expected):
+    unknowns = settings(**values).unknowns
+    assert {name: len(each.point_forces) for name, each in unknowns.items()} == expected
+    assert all(each.tip_force is None for each in unknowns.values())
 
 
-def test_places_near_each_other_have_names_of_their_own():
+def test_close_places_have_different_names():
     places = [0.1, 0.100001, 0.2]
-    found = settings(contact='somewhere', contact_s=places).unknowns
-    assert list(found) == ['none', '0.1 m', '0.100001 m', '0.2 m']
+    unknowns = settings(contact='somewhere', contact_s=places).unknowns
+    assert list(unknowns) == ['none', '0.1 m', '0.100001 m', '0.2 m']
     state = State(settings(contact='at', contact_s=places).unknowns['at'], CONFIG.arm)
     assert len(set(state.names)) == state.size
 
 
-def test_what_is_beyond_the_tip_by_rounding_is_at_the_tip():
+def test_places_beyond_the_tip_by_rounding_are_at_the_tip():
     beyond = LENGTH * (1.0 + 5e-10)
-    found = settings(contact='at', contact_s=[beyond], marker_s=[0.1, beyond])
-    assert found.unknowns['at'].point_forces[0].s == LENGTH
-    assert found.noise.given.marker_s == (0.1, LENGTH)
+    chosen = settings(contact='at', contact_s=[beyond], marker_s=[0.1, beyond])
+    assert chosen.unknowns['at'].point_forces[0].s == LENGTH
+    assert chosen.noise.given.marker_s == (0.1, LENGTH)
     assert check_marker_s([0.1, beyond], LENGTH).tolist() == [0.1, LENGTH]
 
 
-def test_a_current_presses_as_hard_as_the_force():
-    found = settings(contact='current', force_stddev=0.1).unknowns['current'].current
-    area = LENGTH * (0.015 + 0.0074)  # of the trapezium that is seen from the side
-    assert found.stddev == pytest.approx(0.1 / area)
-    given = settings(contact='current', current_stddev=3.0).unknowns['current'].current
-    assert given is not None and given.stddev == 3.0
+def test_default_current_gives_the_default_force():
+    current = settings(contact='current', force_stddev=0.1).unknowns['current'].current
+    area = LENGTH * (0.015 + 0.0074)  # lateral projection
+    assert current.stddev == pytest.approx(0.1 / area)
+    other = settings(contact='current', current_stddev=3.0).unknowns['current'].current
+    assert other is not None and other.stddev == 3.0
 
 
-def test_models_are_those_of_the_file_solved_by_the_model_exact():
+def test_models_use_the_parameters_and_exact():
     loaded = Config.from_parameters(
         {
             **VALUES,
@@ -180,18 +178,18 @@ def test_models_are_those_of_the_file_solved_by_the_model_exact():
         ({'marker_s': 'tip'}, r"marker_s is 'tip', expected double\[\]"),
     ],
 )
-def test_wrong_values_are_named(values, words):
+def test_invalid_values_are_refused(values, words):
     with pytest.raises(OctoArmError, match=words):
         settings(**values)
 
 
 @pytest.mark.parametrize('values', [{'contact': 'elbow'}, {'gate': 0.0}, {'cell_fault': 1.0}])
-def test_parameters_are_checked_before_any_arm(values):
+def test_parameters_are_checked_without_an_arm(values):
     with pytest.raises(OctoArmError, match=f'estimator.{next(iter(values))} is .*, expected'):
         EstimatorParameters(**values)
 
 
-def test_an_unknown_modulus_and_sheaths_are_refused_by_their_parameters():
+def test_unknown_modulus_with_sheaths_is_refused():
     values = {**VALUES, 'model': 'exact', 'tendons.sheath_stiffness': [2.5e5]}
     settings(Config.from_parameters(values))
     both = Config.from_parameters({**values, 'material.youngs_modulus_stddev': 0.05})
@@ -200,14 +198,14 @@ def test_an_unknown_modulus_and_sheaths_are_refused_by_their_parameters():
         settings(both)
 
 
-def test_friction_makes_the_loss_of_tension_unknown():
-    rough = Config.from_parameters({**VALUES, 'model': 'exact', 'tendons.friction': [0.1]})
-    found = settings(rough)
-    (model,) = found.models(rough).values()
+def test_friction_makes_the_tension_loss_unknown():
+    config = Config.from_parameters({**VALUES, 'model': 'exact', 'tendons.friction': [0.1]})
+    chosen = settings(config)
+    (model,) = chosen.models(config).values()
     loss = model.state.unknowns.tension_loss
     assert loss is not None and loss.stddev == pytest.approx(0.2)
-    assert any('friction may hold back 0.2 of each tension' in note for note in found.notes)
-    # Without friction there is one where it is asked for.
-    given = settings(tension_loss_stddev=0.02).unknowns['tip'].tension_loss
-    assert given is not None and given.stddev == 0.02
+    assert any('friction may hold back 0.2 of each tension' in note for note in chosen.notes)
+    # Without friction the loss is unknown only if it is given.
+    loss_given = settings(tension_loss_stddev=0.02).unknowns['tip'].tension_loss
+    assert loss_given is not None and loss_given.stddev == 0.02
     assert settings().unknowns['tip'].tension_loss is None

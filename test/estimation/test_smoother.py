@@ -1,4 +1,4 @@
-"""The batch estimator against the recursive one, and against its own optimum."""
+"""The smoother: agreement with the filter, optimality and consistency."""
 
 import itertools
 
@@ -18,7 +18,7 @@ UNKNOWNS = Unknowns(Walk(5.0, 1.0), tip_force=Walk.stationary(5e-3, 1.0))
 Recording = list[tuple[float, list[Measurement]]]
 
 
-def recorded(model: ArmModel, seed: int, count: int) -> tuple[Recording, np.ndarray]:
+def simulate(model: ArmModel, seed: int, count: int) -> tuple[Recording, np.ndarray]:
     rng = np.random.default_rng(seed)
     state, recording, states = model.state, [], []
     x = state.prior_stddev() * rng.normal(size=state.size)
@@ -26,26 +26,26 @@ def recorded(model: ArmModel, seed: int, count: int) -> tuple[Recording, np.ndar
         x = state.decay(0.1) * x + state.growth(0.1) * rng.normal(size=state.size)
         x[state.tension] = TENSIONS + 0.5 + 0.2 * np.sin(step + np.arange(4))
         shape = Prediction(model, x, None).solved
-        made: list[Measurement] = [Tensions(x[state.tension] + 5e-3 * rng.normal(size=4), 5e-3)]
+        data: list[Measurement] = [Tensions(x[state.tension] + 5e-3 * rng.normal(size=4), 5e-3)]
         if step % 3 == 0:
-            made.append(TipPosition(shape.tip + 1e-3 * rng.normal(size=3), 1e-3))
-        recording.append((0.1 * step, made))
+            data.append(TipPosition(shape.tip + 1e-3 * rng.normal(size=3), 1e-3))
+        recording.append((0.1 * step, data))
         states.append(x.copy())
     return recording, np.array(states)
 
 
-def test_at_the_last_time_both_agree():
+def test_smoother_equals_the_filter_at_the_last_time():
     model = rubber(UNKNOWNS)
-    recording, _ = recorded(model, 1, 7)
-    own = Filter(model)
-    filtered = [own.add(*one) for one in recording]
+    recording, _ = simulate(model, 1, 7)
+    recursive = Filter(model)
+    filtered = [recursive.add(*step) for step in recording]
     smoothed = smooth(model, recording)
     stddev = np.sqrt(np.diag(filtered[-1].covariance))
     np.testing.assert_allclose(smoothed[-1].mean / stddev, filtered[-1].mean / stddev, atol=0.1)
     np.testing.assert_allclose(np.diag(smoothed[-1].covariance) / stddev**2, 1.0, atol=0.05)
-    # Before, what came later helps: never a larger variance.
-    for later, now in zip(smoothed, filtered):
-        assert (np.diag(later.covariance) <= 1.02 * np.diag(now.covariance)).all()
+    # Earlier variances are smaller, because later measurements are used.
+    for later, estimate in zip(smoothed, filtered):
+        assert (np.diag(later.covariance) <= 1.02 * np.diag(estimate.covariance)).all()
     force = model.state.tip_force
     assert (
         np.diag(smoothed[1].covariance)[force].sum()
@@ -53,15 +53,15 @@ def test_at_the_last_time_both_agree():
     )
 
 
-def test_its_course_is_where_probability_and_information_balance():
+def test_smoothed_states_are_the_optimum_of_the_cost():
     model = rubber(UNKNOWNS)
-    recording, _ = recorded(model, 2, 4)
+    recording, _ = simulate(model, 2, 4)
     smoothed = smooth(model, recording)
     state = model.state
-    first = np.array([one.mean for one in smoothed])
+    first = np.array([each.mean for each in smoothed])
 
     def cost(course: np.ndarray) -> float:
-        """Squares of all noise and ln(det A) of the information A, from their definitions."""
+        """Return the squares of all noise plus ln(det A) of the information A, by definition."""
         total = float(((course[0] / state.prior_stddev()) ** 2).sum())
         for before, after in itertools.pairwise(course):
             noise = (after - state.decay(0.1) * before) / state.growth(0.1)
@@ -72,45 +72,45 @@ def test_its_course_is_where_probability_and_information_balance():
             row = np.eye(size, count * size, k * size)
             row -= state.decay(0.1)[:, np.newaxis] * np.eye(size, count * size, (k - 1) * size)
             rows.append(row / state.growth(0.1)[:, np.newaxis])
-        for k, (x, (_, made)) in enumerate(zip(course, recording)):
+        for k, (x, (_, data)) in enumerate(zip(course, recording)):
             at = Prediction(model, x, None)
-            for one in made:
-                left = one.innovation(at)
-                total += float(left @ np.linalg.solve(one.covariance, left))
-                row = one.jacobian(at) @ np.eye(size, count * size, k * size)
-                rows.append(np.linalg.solve(one.noise_root, row))
+            for each in data:
+                residual = each.innovation(at)
+                total += float(residual @ np.linalg.solve(each.covariance, residual))
+                row = each.jacobian(at) @ np.eye(size, count * size, k * size)
+                rows.append(np.linalg.solve(each.noise_root, row))
         root = np.concatenate(rows)
         return total + float(np.linalg.slogdet(root.T @ root)[1])
 
-    best, rng = cost(first), np.random.default_rng(3)
-    stddev = np.array([np.sqrt(np.diag(one.covariance)) for one in smoothed])
+    smallest, rng = cost(first), np.random.default_rng(3)
+    stddev = np.array([np.sqrt(np.diag(each.covariance)) for each in smoothed])
     for _ in range(10):
         move = stddev * rng.normal(size=first.shape)
-        # Half of what both directions differ by is the slope, which vanishes at the optimum.
+        # The slope vanishes at the optimum.
         slope = (cost(first + 0.1 * move) - cost(first - 0.1 * move)) / 0.2
         assert abs(slope) < 1.0
-        assert cost(first + move) > best
+        assert cost(first + move) > smallest
 
 
 @pytest.mark.parametrize(
     ('runs', 'least', 'most'),
     [(3, 0.5, 9.0), pytest.param(24, 1.7, 4.7, marks=pytest.mark.endurance)],
 )
-def test_errors_are_as_large_as_the_covariance_says(runs, least, most):
+def test_errors_are_consistent_with_the_covariance(runs, least, most):
     model = rubber(UNKNOWNS)
     force, squares = model.state.tip_force, []
     for seed in range(runs):
-        recording, states = recorded(model, 10 + seed, 7)
-        for found, x in zip(smooth(model, recording, Rules(gate=1.0 - 1e-9)), states):
-            error = (found.mean - x)[force]
-            squares.append(error @ np.linalg.solve(found.covariance[force, force], error))
-    # Runs of 7 steps, correlated over 10: one or two independent sets of 3 in each.
+        recording, states = simulate(model, 10 + seed, 7)
+        for estimate, x in zip(smooth(model, recording, Rules(gate=1.0 - 1e-9)), states):
+            error = (estimate.mean - x)[force]
+            squares.append(error @ np.linalg.solve(estimate.covariance[force, force], error))
+    # Runs have 7 steps with correlations over 10: one or two independent sets of 3 in each.
     assert least < np.mean(squares) < most
 
 
-def test_what_it_refuses():
+def test_unordered_times_are_refused():
     model = rubber(UNKNOWNS)
-    made = [Tensions(TENSIONS, 0.01)]
+    data = [Tensions(TENSIONS, 0.01)]
     with pytest.raises(MeasurementError, match='in order'):
-        smooth(model, [(1.0, made), (0.5, made)])
+        smooth(model, [(1.0, data), (0.5, data)])
     assert smooth(model, []) == []

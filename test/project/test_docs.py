@@ -1,10 +1,10 @@
-"""The README and the manual: what their blocks of code print is what they say, and links lead on.
+"""The README and the manual: blocks of code print what the pages state, and links work.
 
 The convention: a block of `python` or `sh` (commands of `octo-arm`) that prints is followed by a
-block of `output`. Its words are those that are printed, its numbers those to the digits that it
-gives, and `...` stands for what is longer, or differs by machine. Blocks of `yaml` are parameter
-files of arms, and of `text` are not run: diagrams, and commands that do not end, take minutes, or
-need an installed ROS or files of the reader.
+block of `output`. It has the printed words, and numbers to the digits that it states; `...` stands
+for longer parts or parts that differ by machine. Blocks of `yaml` are parameter files of arms.
+Blocks of `text` are not run: diagrams, and commands that do not end, take minutes, or need an
+installed ROS or files of the reader.
 """
 
 import re
@@ -21,13 +21,13 @@ from octo_arm_model.cli.main import build_parser, main
 
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 LANGUAGES = {'python', 'sh', 'yaml', 'text', 'output'}
-# Pages on which commands record an experiment and fit it; `make test` checks their options.
+# Pages with commands that fit experiments; `make test` checks only their options.
 LONG = {'README', 'bags', 'effects'}
 NUMBER = r'[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?'
 
 
 def blocks(page, *languages):
-    """Code of a page, and what is stated that it prints."""
+    """Return blocks of code of a page with their stated output."""
     fenced = re.findall(r'^```(\S+)\n(.*?)^```', page.read_text(), re.DOTALL | re.MULTILINE)
     fenced = [(name, code) for name, code in fenced if not name.startswith('{')]
     found = {name for name, _ in fenced}
@@ -40,7 +40,7 @@ def blocks(page, *languages):
 
 
 def commands(script):
-    """The commands of a script, each as a list of its words."""
+    """Return the commands of a script as lists of words."""
     lines = script.replace('\\\n', ' ').splitlines()
     return [words for line in lines if (words := shlex.split(line, comments=True))]
 
@@ -56,10 +56,10 @@ def pages_with(*languages, long=()):
 
 
 def assert_prints(printed, stated):
-    """Check what is ``printed`` against what is ``stated``, by the convention above."""
+    """Compare ``printed`` with ``stated`` output by the convention above."""
     both = f'stated:\n{stated}\nprinted:\n{printed}'
     # Arrays are aligned by spaces.
-    printed, stated = (re.sub(r'(?<=\[) +| +(?=\])', '', one.strip()) for one in (printed, stated))
+    printed, stated = (re.sub(r'(?<=\[) +| +(?=\])', '', x.strip()) for x in (printed, stated))
     numbers, pattern = [], ''
     for part in re.split(rf'({NUMBER}|\.\.\.|\s+)', stated):
         if re.fullmatch(NUMBER, part):
@@ -72,16 +72,16 @@ def assert_prints(printed, stated):
     for number, expected in zip(found.groups(), numbers, strict=True):
         mantissa, _, exponent = expected.partition('e')
         digits = len(mantissa.partition('.')[2]) - int(exponent or 0)
-        # Whole numbers are counts; the last digit of others may be rounded otherwise.
-        off = 0.0 if expected.lstrip('+-').isdigit() else 1.01 * 10.0**-digits
-        assert abs(float(number) - float(expected)) <= off, f'{number}, not {expected}; {both}'
+        # Whole numbers are exact; the last digit of others may be rounded differently.
+        atol = 0.0 if expected.lstrip('+-').isdigit() else 1.01 * 10.0**-digits
+        assert abs(float(number) - float(expected)) <= atol, f'{number}, not {expected}; {both}'
 
 
 @pytest.mark.parametrize('page', pages_with('python'))
-def test_python_prints_what_is_stated(page, monkeypatch, capsys):
+def test_python_prints_the_stated_output(page, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     names = {}
-    # The page on extensions adds a law, which no other test is to meet.
+    # The page on extensions adds a law, which must not stay.
     with patch.dict(LAWS):
         for code, stated in blocks(page, 'python'):
             exec(code, names)
@@ -89,7 +89,7 @@ def test_python_prints_what_is_stated(page, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize('page', pages_with('sh', long=LONG))
-def test_commands_print_what_is_stated(page, monkeypatch, tmp_path, capsys):
+def test_commands_print_the_stated_output(page, monkeypatch, tmp_path, capsys):
     (tmp_path / 'config').symlink_to(ROOT / 'config')
     monkeypatch.chdir(tmp_path)
     for script, stated in blocks(page, 'sh'):
@@ -100,7 +100,7 @@ def test_commands_print_what_is_stated(page, monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.parametrize('page', pages_with('sh', 'text'))
-def test_commands_have_these_options(page):
+def test_options_of_commands_exist(page):
     for script, _ in blocks(page, 'sh', 'text'):
         if 'octo-arm ' in script:
             for words in commands(script):
@@ -109,14 +109,14 @@ def test_commands_have_these_options(page):
 
 
 @pytest.mark.parametrize('page', pages_with('yaml'))
-def test_configurations_are_arms(page, tmp_path):
+def test_configurations_are_valid(page, tmp_path):
     for number, (text, _) in enumerate(blocks(page, 'yaml')):
         file = tmp_path / f'{number}.yaml'
         file.write_text(text)
         load_config(file).solver()
 
 
-def test_links_of_the_readme_lead_to_files():
+def test_links_of_the_readme_exist():
     links = re.findall(r'\]\((?!http)([^)#]+)', PAGES[0].read_text())
     assert links
     missing = [link for link in links if not (ROOT / link).exists()]

@@ -12,7 +12,7 @@ from checkout import ROOT
 
 import octo_arm_model
 
-# Folders that need neither ROS nor any optional extra, but for the loops that numba compiles.
+# Folders that need neither ROS nor an optional extra, except for loops that numba compiles.
 LOOPS = ('compiled', 'loops', 'paper_loops', 'inertia_loops', 'section_loops', 'angle_loops')
 BASE = ('arm', 'rod', 'config', 'analysis', 'wire')
 CORE = sorted(
@@ -39,7 +39,7 @@ COMMANDS = 'import octo_arm_model.cli.play, octo_arm_model.simulation.simulator'
     ['import octo_arm_model', f'import {", ".join(CORE)}', SOLVE, COMMANDS],
     ids=['package', 'all', 'solve', 'commands'],
 )
-def test_the_core_needs_neither_ros_nor_an_extra(statement):
+def test_core_needs_neither_ros_nor_an_extra(statement):
     code = f'{statement}; import sys; print(*sys.modules)'
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     loaded = {name.split('.')[0] for name in done.stdout.split()}
@@ -49,7 +49,7 @@ def test_the_core_needs_neither_ros_nor_an_extra(statement):
     assert not loaded & unwanted
 
 
-def test_exported_names_exist_in_order_and_every_error_has_one_base():
+def test_exported_names_are_sorted_and_errors_have_one_base():
     names = octo_arm_model.__all__
     # Constants, then classes, then functions, each from A to Z.
     assert names == sorted(set(names), key=lambda name: (not name.isupper(), name.islower(), name))
@@ -58,12 +58,12 @@ def test_exported_names_exist_in_order_and_every_error_has_one_base():
             assert issubclass(value, octo_arm_model.OctoArmError), value
 
 
-def test_no_named_tuple_has_another_base_which_python_3_10_refuses():
+def test_named_tuples_have_no_second_base():
     for path in (ROOT / 'octo_arm_model').rglob('*.py'):
         assert not re.search(r'class \w+\(NamedTuple, |, NamedTuple\)', path.read_text()), path
 
 
-def test_one_version_everywhere():
+def test_version_is_the_same_everywhere():
     for file, line in (('setup.py', "version='{}'"), ('CITATION.cff', 'version: {}\n')):
         assert line.format(octo_arm_model.__version__) in (ROOT / file).read_text()
     for manifest in ('package.xml', 'msg_defs/package.xml'):
@@ -76,13 +76,13 @@ needs_colcon = pytest.mark.skipif(shutil.which('colcon') is None, reason='needs 
 
 
 def colcon_list(folder, tmp_path):
-    """Names of the packages found from ``folder``, dependencies first."""
+    """Return the names of the packages below ``folder``, dependencies first."""
     command = ['colcon', '--log-base', str(tmp_path / 'log'), 'list', '--topological-order', '-n']
     return subprocess.check_output(command, cwd=folder, text=True).split()
 
 
 @needs_colcon
-def test_colcon_finds_both_packages_and_in_a_workspace_by_the_line_of_the_manual(tmp_path):
+def test_colcon_finds_both_packages(tmp_path):
     assert colcon_list(ROOT, tmp_path) == PACKAGES
     source = tmp_path / 'src'
     source.mkdir()
@@ -98,7 +98,7 @@ def test_colcon_finds_both_packages_and_in_a_workspace_by_the_line_of_the_manual
 @pytest.mark.parametrize(
     ('folder', 'name'), [('.', 'octo_arm_model'), ('msg_defs', 'octo_arm_msgs')]
 )
-def test_manifests_are_as_ros_wants_them(folder, name):
+def test_manifests_are_valid(folder, name):
     parse_package = pytest.importorskip('catkin_pkg.package').parse_package
     warnings = []
     package = parse_package(str(ROOT / folder / 'package.xml'), warnings=warnings)
@@ -107,7 +107,7 @@ def test_manifests_are_as_ros_wants_them(folder, name):
     assert package.version == octo_arm_model.__version__
 
 
-def test_what_the_launch_files_start_is_a_dependency():
+def test_packages_of_launch_files_are_dependencies():
     parse_package = pytest.importorskip('catkin_pkg.package').parse_package
     package = parse_package(str(ROOT / 'package.xml'))
     depends = {dependency.name for dependency in package.exec_depends}
@@ -120,5 +120,5 @@ def test_what_the_launch_files_start_is_a_dependency():
         started >= {'rviz2', 'controller_manager', 'joint_state_broadcaster'}
         and "['ros2', 'bag'" in text
     )
-    # And the packages of the commands that run launch files and bags.
+    # With the packages of the commands that run launch files and bags.
     assert depends >= started | {'ros2launch', 'ros2bag', 'launch', 'launch_ros'}

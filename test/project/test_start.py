@@ -1,4 +1,4 @@
-"""Start of programs, interrupted or where ROS or an extra is missing, and their terminal."""
+"""Start of programs with an interrupt, without ROS or an extra, and their terminal."""
 
 import ast
 import io
@@ -23,13 +23,13 @@ from octo_arm_model.terminal import StatusLine, missing, status_of
 
 PROGRAMS = [name for name, value in vars(octo_arm_start).items() if isinstance(value, partial)]
 OF_ROS = ['--ros-args', '--params-file', str(preset_path('renda2012_prototype'))]
-STARTED = {
+ARGUMENTS = {
     **dict.fromkeys(PROGRAMS, OF_ROS),
     'viewer': [],
     'demo': ['renda2012_prototype', '--no-viewer'],
     'octopus': ['renda2012_prototype', '--no-viewer'],
 }
-# Ctrl-C comes at the import of NumPy.
+# Sends Ctrl-C at the import of NumPy.
 INTERRUPT = """
 import os, signal, sys
 class Interrupt:
@@ -39,7 +39,7 @@ class Interrupt:
 sys.meta_path.insert(0, Interrupt)
 signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal
 """
-# Modules of these names are as if they were not installed.
+# Hides modules as if they were not installed.
 HIDE = """
 import re, sys
 class Hidden:
@@ -51,7 +51,7 @@ sys.meta_path.insert(0, Hidden)
 WITHOUT_ROS = HIDE.format(r'rclpy|rosidl_\\w+|ament_\\w+|\\w+_(msgs|interfaces|srvs)')
 
 
-# Runs programs one after the other, as importing takes most of the time of each.
+# Runs programs one after the other in one process, because imports take most of the time.
 ALL = """
 import contextlib, io, json, octo_arm_start
 for program, arguments in json.loads(sys.argv.pop()):
@@ -71,36 +71,36 @@ def python(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=600)
 
 
-def all_of(cases: Sequence[tuple[str, list[str]]], before: str) -> list[tuple[int, str, str]]:
-    """Status, output and errors of programs with their arguments, after ``before``."""
+def run_all(cases: Sequence[tuple[str, list[str]]], before: str) -> list[tuple[int, str, str]]:
+    """Run programs after the code ``before``; return status, output and errors of each."""
     done = python(before + ALL, json.dumps(cases))
     assert done.returncode == 0, done.stderr
     return [tuple(json.loads(line)) for line in done.stdout.splitlines()]
 
 
-def started(program: str, *arguments: str, before: str) -> tuple[int, str]:
-    """Run a program to its end after ``before``; returns status and stderr."""
+def run_program(program: str, *arguments: str, before: str) -> tuple[int, str]:
+    """Run a program after the code ``before``; return status and stderr."""
     code = f'{before}\nimport sys, octo_arm_start; sys.exit(octo_arm_start.{program}())'
     done = python(code, *arguments)
     return done.returncode, done.stderr
 
 
-def test_every_program_is_started_here():
+def test_setup_lists_all_programs():
     scripts = re.findall(r"'octo.* = (\w+):(\w+)'", (ROOT / 'setup.py').read_text())
     assert sorted(scripts) == [('octo_arm_start', name) for name in sorted(PROGRAMS)]
 
 
 def test_help_needs_no_ros():
     for program, (status, out, err) in zip(
-        PROGRAMS, all_of([(name, ['--help']) for name in PROGRAMS], WITHOUT_ROS), strict=True
+        PROGRAMS, run_all([(name, ['--help']) for name in PROGRAMS], WITHOUT_ROS), strict=True
     ):
         assert (status, err) == (0, ''), program
         assert out.startswith('usage: ') and 'example' in out, program
 
 
-def test_without_ros_that_is_one_line():
-    cases = [(name, given) for name, given in STARTED.items() if name != 'command_line']
-    for (program, _), (status, _, err) in zip(cases, all_of(cases, WITHOUT_ROS), strict=True):
+def test_missing_ros_is_one_line_of_error():
+    cases = [(name, given) for name, given in ARGUMENTS.items() if name != 'command_line']
+    for (program, _), (status, _, err) in zip(cases, run_all(cases, WITHOUT_ROS), strict=True):
         assert status == 2, program
         assert re.fullmatch(
             r'.*: error: needs ROS 2 and the package octo_arm_msgs \(\w+ is missing\): '
@@ -132,42 +132,42 @@ def test_without_ros_that_is_one_line():
         ),
     ],
 )
-def test_without_an_extra_all_that_the_command_may_need_are_named(module, commands):
+def test_missing_extra_is_named(module, commands):
     cases = [('command_line', command.split()) for command in commands]
-    found = all_of(cases, HIDE.format(rf'{module}\\b.*'))
+    found = run_all(cases, HIDE.format(rf'{module}\\b.*'))
     for extras, answer in zip(commands.values(), found, strict=True):
         hint = f"install it with: pip install 'octo_arm_model[{extras}]'"
         assert answer == (2, '', f'octo-arm: error: needs {module}; {hint}\n')
 
 
-def test_without_viser_the_viewer_says_what_to_install():
+def test_missing_viser_is_named():
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    status, complaint = started('viewer', before=HIDE.format('viser'))
+    status, complaint = run_program('viewer', before=HIDE.format('viser'))
     hint = "install it with: pip install 'octo_arm_model[viewer]'"
     assert status == 2
     assert complaint.endswith(f': error: needs viser; {hint}\n')
 
 
 @pytest.mark.parametrize('program', PROGRAMS)
-def test_ctrl_c_ends_a_program_quietly_while_it_is_imported(program):
-    status, complaint = started(program, before=INTERRUPT)
+def test_ctrl_c_during_imports_ends_a_program_quietly(program):
+    status, complaint = run_program(program, before=INTERRUPT)
     assert complaint == ''
     assert status == (130 if program == 'command_line' else 0)
 
 
-def test_without_memory_that_is_said():
+def test_out_of_memory_is_one_line_of_error():
     before = (
         'import octo_arm_model.cli.solve as report\n'
         'def summary(*given): raise MemoryError\n'
         'report.summary = summary'
     )
     arguments = ['solve', 'renda2012_prototype', '--tensions', '[[1, 0, 0, 0]]']
-    status, complaint = started('command_line', *arguments, before=before)
+    status, complaint = run_program('command_line', *arguments, before=before)
     assert (status, complaint) == (2, 'octo-arm: error: out of memory\n')
 
 
-def test_without_standard_error_a_command_works_and_its_notes_stay_out_of_its_output():
+def test_closed_stderr_does_not_change_the_output():
     code = 'import sys, octo_arm_start; sys.exit(octo_arm_start.command_line())'
     table = 'workspace renda2012_prototype --model closed_form --samples 4 --json'.split()
     command = f'exec {shlex.join([sys.executable, "-c", code, *table])} 2>&-'
@@ -179,12 +179,12 @@ def test_without_standard_error_a_command_works_and_its_notes_stay_out_of_its_ou
 # The terminal ------------------------------------------------------------------------------------
 
 
-# What setup.py installs always, and a module of Python from 3.14 on.
+# Required packages of setup.py, and a module of Python 3.14.
 BASE = {'numpy', 'scipy', 'yaml', 'octo_arm_model', 'compression'}
 
 
 def imports(path: Path) -> set[str]:
-    """First names of the modules that the file at ``path`` imports."""
+    """Return the top-level names of the modules that a file imports."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -194,7 +194,7 @@ def imports(path: Path) -> set[str]:
     return {name.split('.')[0] for name in found}
 
 
-def test_every_module_of_an_extra_is_known_with_its_extra():
+def test_every_module_of_an_extra_has_its_hint():
     tree = ast.parse((ROOT / 'setup.py').read_text())
     (extras,) = [
         ast.literal_eval(word.value)
@@ -207,34 +207,34 @@ def test_every_module_of_an_extra_is_known_with_its_extra():
             hint = missing(ModuleNotFoundError(name=f'{module}.some'))
             if found := re.search(r"octo_arm_model\[(\w+)\]'$", hint):
                 assert extras[found[1]]
-            else:  # a module of ROS, which comes with nodes and their clients
+            else:  # a module of ROS
                 assert 'needs ROS 2' in hint
                 folder = path.relative_to(package).parts[0]
                 assert folder in ('apps', 'ros', 'viewer'), f'{module} in {path}'
 
 
-def test_a_module_missing_in_the_package_itself_is_no_matter_of_installing():
+def test_missing_module_of_the_package_is_raised():
     with pytest.raises(ModuleNotFoundError):
         missing(ModuleNotFoundError(name='octo_arm_model.nothing'))
 
 
-def test_a_program_ends_quietly_with_the_reader_of_its_output(monkeypatch):
+def test_closed_pipe_ends_a_program_quietly(monkeypatch):
     reader, writer = os.pipe()
     os.close(reader)  # as `head` does
     with os.fdopen(writer, 'w') as stream:
         monkeypatch.setattr(sys, 'stdout', stream)
 
-        def run():
+        def run_program():
             with StatusLine(sys.stdout) as line:
                 line.show(lambda: 'a line', always=True)
             return 0
 
-        assert status_of('program', run) == 141
+        assert status_of('program', run_program) == 141
         print('what Python has left to write at exit', flush=True)
 
 
 class Terminal(io.StringIO):
-    """What is written to a terminal, also as a queue of texts."""
+    """A terminal whose texts are also in a queue."""
 
     def __init__(self):
         super().__init__()
@@ -248,7 +248,7 @@ class Terminal(io.StringIO):
         return super().write(text)
 
 
-def test_a_bar_on_a_terminal_shows_at_once_and_while_one_thing_takes_long_that_time_goes_on():
+def test_progress_bar_shows_at_once_and_updates_without_progress():
     elsewhere, terminal = io.StringIO(), Terminal()
     with Bar('messages', elsewhere):
         assert not elsewhere.getvalue()

@@ -1,4 +1,4 @@
-"""Finite elements, and the models against them on coarse meshes; see `validation/run.py`."""
+"""Finite elements on coarse meshes, and the tables of the manual; see `validation/run.py`."""
 
 import dataclasses
 import json
@@ -28,7 +28,7 @@ COARSE = Mesh(1, 0.4)
 
 
 @pytest.mark.parametrize('half', [True, False])
-def test_mesh_fills_the_cone_and_finds_points(half):
+def test_mesh_has_the_volume_of_the_cone_and_interpolates_positions(half):
     arm = load_config('renda2012_prototype').arm
     base, tip = arm.body.radius_base, arm.body.radius_tip
     volume = np.pi * arm.length / 3.0 * (base**2 + base * tip + tip**2) * (0.5 if half else 1.0)
@@ -38,7 +38,7 @@ def test_mesh_fills_the_cone_and_finds_points(half):
         errors.append(abs(mesh.displacement.dx.sum() / volume - 1.0))
         points = np.array([[0.1, 0.2, 0.27], [0.004, -0.005, 0.0], [0.006, 0.001, 0.0]])
         assert_allclose(mesh.at(points) @ mesh.nodes.T, points.T, atol=2e-5)
-    # Of fourth order.
+    # The error is of fourth order.
     assert errors[0] < 1e-3 and errors[1] < errors[0] / 12.0
 
 
@@ -52,13 +52,13 @@ def test_mesh_fills_the_cone_and_finds_points(half):
     ],
     ids=lambda checks: getattr(checks, '__name__', ''),
 )
-def test_elements_by_themselves(checks, along):
+def test_elements_agree_with_independent_results(checks, along):
     for check in checks(Mesh(1, along)):
         assert check.passed, f'{check.what}: {check.found}, expected {check.expected}'
 
 
 def tip_errors(case: Case, tension: float, contact: Contact) -> dict[str, float]:
-    """Distance of each model's tip from that of coarse elements, over the length."""
+    """Return the distance of each model's tip from that of coarse elements, over the length."""
     solid = ElasticArm(case.arm, COARSE, case.pulled, contact)
     (shape,) = solid.follow([[tension]])
     assert shape.residual < 1e-8
@@ -69,8 +69,7 @@ def tip_errors(case: Case, tension: float, contact: Contact) -> dict[str, float]
     }
 
 
-def test_models_on_the_prototype():
-    """The sections of `exact` are accurate where the tendon keeps its place in them."""
+def test_exact_agrees_best_with_elements_on_the_prototype():
     errors = tip_errors(PROTOTYPE, 1.5, Contact(disc=1e-3))
     assert errors['exact'] < 0.004
     assert 0.01 < errors['renda2012'] < 0.025
@@ -78,7 +77,7 @@ def test_models_on_the_prototype():
     assert errors['exact, linear'] > 2.0 * errors['renda2012']
 
 
-def test_a_case_is_compared_written_and_drawn(tmp_path):
+def test_a_case_is_solved_printed_and_drawn(tmp_path):
     pytest.importorskip('matplotlib')
     from plots import draw
 
@@ -94,22 +93,22 @@ def test_a_case_is_compared_written_and_drawn(tmp_path):
         basis=small,
     )
     lines = []
-    compared = run_case(case, lines.append)
+    comparison = run_case(case, lines.append)
     assert any('residual' in line for line in lines)
-    results = {'made_by': 'a test', 'minutes': 0.0, 'checks': {}, 'cases': {case.name: compared}}
+    results = {'made_by': 'a test', 'minutes': 0.0, 'checks': {}, 'cases': {case.name: comparison}}
     json.dumps(results)
-    assert compared['mesh_error_percent'][0] < 0.2
-    assert compared['tip_error_percent']['exact'][0] < 0.3
-    assert f'{compared["tip_error_percent"]["exact"][0]:.2f}' in run.tables(results)
+    assert comparison['mesh_error_percent'][0] < 0.2
+    assert comparison['tip_error_percent']['exact'][0] < 0.3
+    assert f'{comparison["tip_error_percent"]["exact"][0]:.2f}' in run.tables(results)
     for path in draw(results, tmp_path):
         assert path.stat().st_size > 10_000
 
 
-def test_the_table_of_the_manual_is_that_of_the_results():
+def test_table_of_the_manual_has_the_numbers_of_results_json():
     cases = json.loads((VALIDATION / 'results.json').read_text())['cases']
     text = (VALIDATION.parent / 'docs' / 'accuracy.md').read_text()
     table = text[text.index('| arm | tension [N] |') :].split('\n\n')[0]
-    name, seen = '', set()
+    name, checked = '', set()
     for line in table.splitlines()[2:]:
         arm, _, *numbers = (cell.strip() for cell in line.strip('|').split('|'))
         name = arm or name
@@ -117,30 +116,28 @@ def test_the_table_of_the_manual_is_that_of_the_results():
         assert errors['renda2012'] == pytest.approx(errors['closed_form'], abs=0.01)
         models = [errors[model] for model in ('renda2012', 'exact', 'exact, linear')]
         rows = list(zip(*models, cases[name]['mesh_error_percent'], strict=True))
-        found = [[f'{value:.2f}' for value in row] for row in rows].index(numbers[:4])
-        seen.add((name, found))
+        load = [[f'{value:.2f}' for value in row] for row in rows].index(numbers[:4])
+        checked.add((name, load))
         if numbers[4]:
-            kept = variants['tendon kept in its section']
-            place = kept['loads'].index(cases[name]['tensions_N'][found])
-            assert numbers[4] == f'{kept["tip_error_percent"]["exact"][place]:.2f}'
-    assert len(seen) == len(table.splitlines()) - 2 and {one for one, _ in seen} == set(cases)
+            variant = variants['tendon kept in its section']
+            place = variant['loads'].index(cases[name]['tensions_N'][load])
+            assert numbers[4] == f'{variant["tip_error_percent"]["exact"][place]:.2f}'
+    assert len(checked) == len(table.splitlines()) - 2 and dict(checked).keys() == cases.keys()
 
 
-def test_the_table_of_sheaths_is_that_of_the_elements_within_half_a_per_cent():
-    """One stiffness of each sheath at all tensions: 0.5 % of the length beside the mesh's own."""
+def test_table_of_sheaths_is_reproduced_and_errors_stay_below_half_a_per_cent():
     results = json.loads((VALIDATION / 'sheaths.json').read_text())
     text = (VALIDATION.parent / 'docs' / 'effects.md').read_text()
     assert '\n'.join(sheaths.rows(results)) in text
-    for one in results:
-        best = one['stiffness_over_shear_modulus']['best'] * sheaths._MODULUS
-        found = sheaths.errors(best, 1e-3 * np.array(one['tips_mm']))
-        assert_allclose(found, one['tip_error_percent']['best'], atol=0.006)
-        assert (found < 0.5 + np.array(one['mesh_error_percent'])).all()
-        rigid = sheaths.errors(0.0, 1e-3 * np.array(one['tips_mm']))
-        assert rigid[-1] > 10.0 * found[-1]
+    for result in results:
+        best = result['stiffness_over_shear_modulus']['best'] * sheaths._MODULUS
+        errors = sheaths.errors(best, 1e-3 * np.array(result['tips_mm']))
+        assert_allclose(errors, result['tip_error_percent']['best'], atol=0.006)
+        assert (errors < 0.5 + np.array(result['mesh_error_percent'])).all()
+        rigid = sheaths.errors(0.0, 1e-3 * np.array(result['tips_mm']))
+        assert rigid[-1] > 10.0 * errors[-1]
 
 
-def test_the_table_of_friction_is_that_of_the_model():
-    """Of the manual's page on effects."""
+def test_table_of_friction_is_reproduced():
     text = (VALIDATION.parent / 'docs' / 'effects.md').read_text()
     assert '\n'.join(friction.rows()) in text

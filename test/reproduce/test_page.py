@@ -1,4 +1,4 @@
-"""The paper's figures, tables and claims, and the page of them that the command writes."""
+"""The paper's figures, tables and claims, and the page that the command writes."""
 
 import base64
 import re
@@ -23,13 +23,13 @@ FIGURES = [f'Figure {number}' for number in (8, 9, 10, 11, 12, 14, 15)]
 
 @pytest.fixture(scope='module')
 def file(tmp_path_factory):
-    """What the command writes; warnings of the package are errors."""
+    """Return the page that the command writes."""
     folder = tmp_path_factory.mktemp('reproduce') / 'new' / 'folder'
     assert main(['reproduce', str(folder)]) == 0
     return folder / 'renda2012.html'
 
 
-def test_the_page_has_every_section_figure_table_and_claim_in_order(file):
+def test_page_has_all_sections_figures_tables_and_claims_in_order(file):
     root = ElementTree.fromstring(file.read_text(encoding='utf-8'))
     assert [''.join(element.itertext()) for element in root.iter('h2')] == [
         'What the text claims',
@@ -49,7 +49,7 @@ def test_the_page_has_every_section_figure_table_and_claim_in_order(file):
     assert re.search('turns by \N{MINUS SIGN}?\\d+°', text.replace('+', ''))
 
 
-def test_the_page_needs_nothing_else(file):
+def test_page_has_no_external_resources(file):
     text = file.read_text(encoding='utf-8')
     root = ElementTree.fromstring(text)
     assert not {element.tag for element in root.iter()} & {'script', 'link', 'iframe', 'object'}
@@ -62,17 +62,17 @@ def test_the_page_needs_nothing_else(file):
 
 
 @pytest.mark.parametrize('name', FIGURES)
-def test_every_figure_shows_all_models_inside_its_axes(name):
+def test_figures_show_all_models_within_the_axes(name):
     figure = Figure(figsize=(6.7, 4.0))
     getattr(figures, name.lower().replace(' ', '_'))(figure)
     figure.draw_without_rendering()
     for axes in figure.axes:
         colours = [line.get_color() for line in axes.lines if len(line.get_xdata()) > 100]
-        # The same number of curves by each model.
+        # Each model has the same number of curves.
         assert len({colours.count(style['color']) for style in figures.LINES.values()}) == 1
         assert colours
         for line in axes.lines:
-            # Axes in space are projected: their limits contain all points by `limits`.
+            # The limits of 3D axes contain all points by construction.
             if axes.name != '3d':
                 points = axes.transData.transform(line.get_xydata())
                 assert axes.bbox.padded(1.0).count_contains(points) == len(points)
@@ -88,7 +88,7 @@ def test_figures_draw_the_backbones_of_the_solver(model):
     assert np.abs(tables.solve('table2', model, BENDING['A']).tau).max() < 1e-9
 
 
-def test_the_arms_and_tensions_are_those_printed():
+def test_tables_have_the_papers_arms_and_tensions():
     assert [' '.join(row[1:]) for row in tables.arms().rows] == [
         '110 0.5 310 6.5 15 1 7.5 3.5 3.5 217 6 6 93',
         '110 0.5 450 2 15 1 7.5 3.5 3.5 315 6 6 135',
@@ -106,7 +106,7 @@ def test_the_arms_and_tensions_are_those_printed():
     }
 
 
-def test_tips_in_table_1_are_those_of_the_solver_beside_the_papers_errors():
+def test_table_1_has_tips_of_the_solver_and_the_papers_errors():
     config = load_config('renda2012_prototype')
     *rows, last = tables.tip_errors().rows
     assert last[:2] == ('average', '5.4')
@@ -118,36 +118,36 @@ def test_tips_in_table_1_are_those_of_the_solver_beside_the_papers_errors():
             assert_allclose(printed, tip[:2] * 1e3, atol=0.06)
 
 
-def test_a_claim_that_fails_is_said_and_is_status_1(tmp_path, capsys, monkeypatch):
+def test_failing_claim_is_reported_with_status_1(tmp_path, capsys, monkeypatch):
     claim = Claim('The arm is straight.', 'section 8', '', lambda model: ('2 mm < 3', False))
     monkeypatch.setattr(reproduce, 'CLAIMS', [claim])
     assert main(['reproduce', str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert err.endswith('octo-arm: does not hold: The arm is straight. (section 8)\n')
     assert 'renda2012 0 of 1' in out
-    # A finding is shown, not hidden.
+    # The page shows the failure.
     text = (tmp_path / 'renda2012.html').read_text(encoding='utf-8')
     assert text.count('<b class="fails">fails</b>') == text.count('2\u00a0mm &lt; 3') == 3
 
 
-# Claims, and the quantities of shapes that they are judged by ------------------------------------
+# Claims and their quantities ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('claim', CLAIMS, ids=lambda claim: claim.where)
-def test_every_claim_of_the_paper_holds_for_its_own_model(claim):
+def test_claims_of_the_paper_hold_for_renda2012(claim):
     assert tuple(claim.findings) == MODELS
     assert not claim.fails, claim.findings['renda2012']
 
 
-def test_the_law_gives_the_captions_of_figure_11():
+def test_law_of_the_bending_plane_gives_the_captions_of_figure_11():
     planes = [tables.law(tensions) for tensions in BENDING.values()]
     assert_allclose(planes, [135.0, -30.0, 60.0])
 
 
-def test_a_plane_is_measured_about_the_base_wherever_that_is(table2):
-    turned = Pose((1.0, 2.0, 3.0), (0.5, -0.5, 0.5, 0.5))
+def test_bending_plane_is_independent_of_the_base(table2):
+    other_base = Pose((1.0, 2.0, 3.0), (0.5, -0.5, 0.5, 0.5))
     shapes = [
-        Solver(table2.arm, 'exact', base=base).solve(BENDING['C']) for base in (Pose(), turned)
+        Solver(table2.arm, 'exact', base=base).solve(BENDING['C']) for base in (Pose(), other_base)
     ]
     for shape in shapes:
         assert tables.bending_plane(shape) == pytest.approx(60.0, abs=1e-3)
@@ -156,12 +156,12 @@ def test_a_plane_is_measured_about_the_base_wherever_that_is(table2):
     assert distances[0] == pytest.approx(distances[1])
 
 
-def test_turns_of_sections_are_integrals_of_the_curvature(model):
+def test_turns_of_sections_equal_integrals_of_the_curvature(model):
     shape = tables.solve('table4', model, FETCHING_IN_PLANE)
     turns = tables.turns(shape)
     assert tuple(turns) == (3, 2, 1)
     rate = np.rad2deg(shape.k * (1.0 + shape.q))
     for section, turn in turns.items():
         at = shape.section == section
-        # Without the interval after the anchorage, where the curvature jumps.
+        # Excludes the interval after the anchorage, where the curvature jumps.
         assert turn == pytest.approx(np.sum(rate[at]) * shape.s[1], rel=0.03)

@@ -1,4 +1,4 @@
-"""Analytic first derivatives of the shape against finite differences, and what they must obey."""
+"""First derivatives of the shape: finite differences, reciprocity and covariance."""
 
 import dataclasses
 import math
@@ -44,7 +44,7 @@ LOADS = Loads(
 
 
 class Case(NamedTuple):
-    """An arm under tensions and loads."""
+    """An arm with tensions and loads."""
 
     arm: Arm
     setting: Setting
@@ -55,21 +55,21 @@ class Case(NamedTuple):
         self,
         young: ArrayLike = 0.0,
         poisson: ArrayLike = 0.0,
-        farther: ArrayLike = (0.0,) * 8,
-        rougher: ArrayLike = 0.0,
-        stiffer: ArrayLike = 0.0,
+        offset: ArrayLike = (0.0,) * 8,
+        friction: ArrayLike = 0.0,
+        sheath: ArrayLike = 0.0,
     ) -> Solver:
-        """The arm with E and nu changed, and each tendon's offset, friction and sheath."""
-        arm, more, moves = self.arm, 1.0 + np.ravel(young).item(), iter(np.ravel(farther))
+        """Return a solver after changes of E, nu, and the tendons' offsets, friction, sheaths."""
+        arm, scale, shifts = self.arm, 1.0 + np.ravel(young).item(), iter(np.ravel(offset))
         sections = tuple(
             RoutedSection(
                 one.anchorage,
                 tuple(
                     Tendon(
-                        Linear(one.offset_base + move, one.offset_anchorage + move, one.anchorage),
+                        Linear(one.offset_base + up, one.offset_anchorage + up, one.anchorage),
                         tendon.angle,
                     )
-                    for tendon, move in zip(one.tendons, moves)
+                    for tendon, up in zip(one.tendons, shifts)
                 ),
             )
             for one in arm.sections
@@ -78,21 +78,21 @@ class Case(NamedTuple):
             arm,
             material=dataclasses.replace(
                 arm.material,
-                youngs_modulus=arm.material.youngs_modulus * more,
+                youngs_modulus=arm.material.youngs_modulus * scale,
                 poisson_ratio=arm.material.poisson_ratio + np.ravel(poisson).item(),
             ),
             sections=sections,
             stiffness=GivenStiffness(
-                **{name: one.level * more for name, one in arm.stiffness.profiles.items()}
+                **{name: one.level * scale for name, one in arm.stiffness.profiles.items()}
             ),
-            friction=tuple(arm.friction + np.asarray(rougher)) if arm.friction else (),
-            sheath_stiffness=tuple(np.add(arm.sheath_stiffness, stiffer))
+            friction=tuple(arm.friction + np.asarray(friction)) if arm.friction else (),
+            sheath_stiffness=tuple(np.add(arm.sheath_stiffness, sheath))
             if arm.sheath_stiffness
             else (),
         )
         law = 'linear' if self.setting.law == LINEAR else 'neo_hookean'
-        given = {'material': law, 'shear': self.setting.shear, 'loads': self.loads}
-        return Solver(changed, 'exact', 41, **given)
+        options = {'material': law, 'shear': self.setting.shear, 'loads': self.loads}
+        return Solver(changed, 'exact', 41, **options)
 
 
 RUBBER, SHEAR = Setting(), Setting(law=LINEAR, shear=True)
@@ -128,7 +128,7 @@ CASES = {
     'between discs': Case(dataclasses.replace(HELICAL, discs=Discs.evenly(16, 0.4)), RUBBER),
     'between thick discs': ROD._replace(arm=THICK, setting=SHEAR),
 }
-# With friction, whose equations derive from no energy.
+# With friction the equations do not derive from an energy.
 SMOOTH = tuple(np.random.default_rng(3).uniform(0.05, 0.4, 6).tolist())
 SLIDING = {
     f'sliding {name}': case._replace(arm=dataclasses.replace(case.arm, friction=SMOOTH))
@@ -138,7 +138,7 @@ SLIDING = {
 
 
 class Solved(NamedTuple):
-    """A case, solved and differentiated once for all tests."""
+    """A case with its solution and derivatives, computed once for all tests."""
 
     case: Case
     solver: Solver
@@ -155,7 +155,7 @@ def solved(request):
 
 
 def outcome(solver: Solver, backbone: Backbone, at: Backbone) -> FloatArray:
-    """Poses and strains at a station in the middle and at the tip, and tendons' lengths."""
+    """Return poses and strains at a station in the middle and at the tip, and tendon lengths."""
     parts = []
     for i in (backbone.s.size // 2, -1):
         turn = (
@@ -167,73 +167,73 @@ def outcome(solver: Solver, backbone: Backbone, at: Backbone) -> FloatArray:
 
 
 def given(change: Change) -> FloatArray:
-    """The same derivatives from `Change`."""
+    """Return the derivatives of the values of `outcome` from a `Change`."""
     parts = []
     for i in (change.pose.shape[0] // 2, -1):
         parts += [change.pose[i], change.strain[i]]
     return np.concatenate([*parts, change.tendon_length])
 
 
-def moves_of(case: Case, found: Sensitivity) -> dict[str, tuple[Change, FloatArray]]:
-    """Derivatives by every input, and how far each is moved."""
+def moves_of(case: Case, by: Sensitivity) -> dict[str, tuple[Change, FloatArray]]:
+    """Return the derivatives by every input and the step of its difference."""
     tensions, radius = np.ravel(case.tensions), float(case.arm.body.half_sizes(0.2).min())
     bending = float(case.arm.material.youngs_modulus) * math.pi * radius**4 / 4
     moment = 0.01 * bending / case.arm.body.length
-    moves = {
-        # A slack one has its derivative from above alone, and is not moved.
-        'tensions': (found.by_tension, 0.02 * tensions),
-        'wrench': (found.by_tip_wrench, np.repeat([moment / case.arm.body.length, moment], 3)),
-        'young': (found.by_youngs_modulus, np.array([1e-2])),
-        'poisson': (found.by_poisson_ratio, np.array([1e-2])),
-        'farther': (found.by_offset, np.full(tensions.size, 1e-4)),
-        'rougher': (found.by_friction, np.full(tensions.size, 0.01)),
-        'stiffer': (found.by_sheath_stiffness, 0.01 * np.array(case.arm.sheath_stiffness)),
+    steps = {
+        # Slack tendons have one-sided derivatives and are not varied here.
+        'tensions': (by.by_tension, 0.02 * tensions),
+        'wrench': (by.by_tip_wrench, np.repeat([moment / case.arm.body.length, moment], 3)),
+        'young': (by.by_youngs_modulus, np.array([1e-2])),
+        'poisson': (by.by_poisson_ratio, np.array([1e-2])),
+        'offset': (by.by_offset, np.full(tensions.size, 1e-4)),
+        'friction': (by.by_friction, np.full(tensions.size, 0.01)),
+        'sheath': (by.by_sheath_stiffness, 0.01 * np.array(case.arm.sheath_stiffness)),
     }
-    assert (found.by_friction is None) == (not case.arm.friction)
-    assert (found.by_sheath_stiffness is None) == (not case.arm.sheath_stiffness)
-    return {name: (change, step) for name, (change, step) in moves.items() if change is not None}
+    assert (by.by_friction is None) == (not case.arm.friction)
+    assert (by.by_sheath_stiffness is None) == (not case.arm.sheath_stiffness)
+    return {name: (change, step) for name, (change, step) in steps.items() if change is not None}
 
 
-# Inputs that are moved at once change the shape by about as much.
-TOGETHER = (('tensions', 'wrench', 'young'), ('farther', 'rougher', 'poisson'), ('stiffer',))
+# Inputs that are varied together have effects of similar size.
+TOGETHER = (('tensions', 'wrench', 'young'), ('offset', 'friction', 'poisson'), ('sheath',))
 
 
 @pytest.mark.parametrize('names', TOGETHER, ids=' '.join)
-def test_derivatives_are_those_of_differences(solved, names):
+def test_derivatives_equal_finite_differences(solved, names):
     case, random = solved.case, np.random.default_rng(4)
     moves, ways = moves_of(case, solved.sensitivity), {}
     moves = {name: move for name, move in moves.items() if name in names}
     if not moves:
         return  # without sheaths
     for name, (_, step) in moves.items():
-        # Each by another part of its step.
+        # Components get different fractions of their steps.
         ways[name] = step * random.uniform(0.4, 1.0, step.size) * random.choice([-1, 1], step.size)
 
-    def moved(part):
-        own = {name: part * way for name, way in ways.items()}
-        tensions = np.ravel(case.tensions) + own.pop('tensions', 0.0)
-        wrench, solver = own.pop('wrench', None), case.solver(**own)
+    def outcome_at(factor):
+        changes = {name: factor * way for name, way in ways.items()}
+        tensions = np.ravel(case.tensions) + changes.pop('tensions', 0.0)
+        wrench, solver = changes.pop('wrench', None), case.solver(**changes)
         shape = solver.solve(
             tensions.reshape(np.shape(case.tensions)), wrench, start=solved.backbone
         )
         return outcome(solver, shape, solved.backbone)
 
-    expected = along(moved, np.zeros(1), np.ones(1))
+    expected = along(outcome_at, np.zeros(1), np.ones(1))
     columns = np.concatenate([given(change) for change, _ in moves.values()], axis=1)
-    direction = np.concatenate(list(ways.values()))
-    found, sizes = columns @ direction, np.abs(columns) @ np.abs(direction)
-    # Positions, angles, curvatures, strains and lengths, each by its largest.
-    kinds = np.array([*2 * (*3 * (0,), *3 * (1,), *3 * (2,), 3), *(len(found) - 20) * (4,)])
+    way = np.concatenate(list(ways.values()))
+    analytic, sizes = columns @ way, np.abs(columns) @ np.abs(way)
+    # Compare positions, angles, curvatures, strains and lengths, each relative to its largest.
+    kinds = np.array([*2 * (*3 * (0,), *3 * (1,), *3 * (2,), 3), *(len(analytic) - 20) * (4,)])
     for kind in range(5):
         rows = kinds == kind
-        # Not of what is left where components cancel each other.
+        # Relative to the sum of absolute values, because components may cancel each other.
         scale = max(sizes[rows].max(), 1e-9)  # strains are zero in rigid discs
-        # Between nodes changes of strains are interpolated.
+        # Changes of strains are interpolated between nodes.
         atol = (1e-3 if kind in (2, 3) else 2e-5) * scale
-        assert_allclose(found[rows], expected[rows], atol=atol, rtol=0)
+        assert_allclose(analytic[rows], expected[rows], atol=atol, rtol=0)
 
 
-def test_by_tension_from_slack():
+def test_derivative_by_a_slack_tension_is_one_sided():
     solver = ROD.solver()
     backbone = solver.solve(ROD.tensions)
     change = solver.sensitivity(backbone).by_tension.tip
@@ -249,47 +249,42 @@ def test_by_tension_from_slack():
         assert_allclose(change[:3, column], expected, atol=1e-5 * np.abs(expected).max())
 
 
-# Reciprocity (Maxwell): without friction and dead moments all of it derives from one energy ------
+# Reciprocity (Maxwell): without friction and dead moments there is an energy --------------------
 
 
 @pytest.mark.parametrize('name', CASES)
-def test_tendons_and_tip_answer_each_other_alike(name):
+def test_compliances_are_symmetric_and_reciprocal(name):
     case = CASES[name]
     points = tuple(PointLoad(load.s, load.force) for load in case.loads.points)
     loads = dataclasses.replace(case.loads, tip_moment=(0.0, 0.0, 0.0), points=points)
     solver = case._replace(loads=loads).solver()
-    by = solver.sensitivity(solver.solve(case.tensions))
-    # In units in which all are of one size.
+    sensitivity = solver.sensitivity(solver.solve(case.tensions))
+    # In units in which forces and moments have similar sizes.
     unit = np.array(3 * [1.0] + 3 * [case.arm.body.length])[:, np.newaxis]
-    compliance = by.compliance * unit * unit.T
-    lengths = by.by_tension.tendon_length
+    compliance = sensitivity.compliance * unit * unit.T
+    lengths = sensitivity.by_tension.tendon_length
     for symmetric, sign in ((compliance, 1.0), (lengths, -1.0)):
         assert_allclose(symmetric, symmetric.T, atol=1e-7 * np.abs(symmetric).max())
-        # The tip yields to a force, and a tendon that pulls gets shorter.
+        # The tip moves along a force, and a tendon under more tension gets shorter.
         eigenvalues = sign * np.linalg.eigvalsh(symmetric)
         assert eigenvalues.min() > -1e-9 * eigenvalues.max()
     assert np.linalg.eigvalsh(compliance).min() > 0.0
-    expected = -by.by_tension.tip * unit
-    found = by.by_tip_wrench.tendon_length.T * unit
+    expected = -sensitivity.by_tension.tip * unit
+    found = sensitivity.by_tip_wrench.tendon_length.T * unit
     assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
 
 
 # Uncertainty -----------------------------------------------------------------------------------
 
 
-def test_the_tips_covariance_adds_up_what_each_input_moves_it_by(solved):
-    # In the units of a pose and of one in which all are of one size; E and nu are relative ones.
-    deviation, by = Uncertainty(0.01, 0.02, 0.03, 1e-4), solved.sensitivity
-    parts = (by.by_tension, by.by_youngs_modulus, by.by_poisson_ratio, by.by_offset)
-    sizes = (
-        deviation.tension,
-        deviation.youngs_modulus,
-        deviation.poisson_ratio,
-        deviation.offset,
-    )
-    moved = np.concatenate([size * part.tip for size, part in zip(sizes, parts)], axis=1)
+def test_tip_covariance_is_the_sum_over_all_inputs(solved):
+    # Deviations of E and nu are relative.
+    by, deviation = solved.sensitivity, Uncertainty(0.01, 0.02, 0.03, 1e-4)
+    parts = by.by_tension, by.by_youngs_modulus, by.by_poisson_ratio, by.by_offset
+    sizes = 0.01, 0.02, 0.03, 1e-4
+    columns = np.concatenate([size * part.tip for size, part in zip(sizes, parts)], axis=1)
     unit = np.array(3 * [1.0] + 3 * [solved.case.arm.length])[:, np.newaxis]
-    expected = moved @ moved.T * unit * unit.T
+    expected = columns @ columns.T * unit * unit.T
     for found in (
         by.tip_covariance(deviation),
         solved.solver.tip_covariance(solved.backbone, deviation),

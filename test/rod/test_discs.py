@@ -1,4 +1,4 @@
-"""Tendons straight between discs: balance between them, and what must hold."""
+"""Tendons that are straight between discs: balance, convergence, friction and dynamics."""
 
 import dataclasses
 import math
@@ -39,7 +39,7 @@ from octo_arm_model.config.parameter_files import load_parameters
 LENGTH = 0.25
 STEEL = Material(40e9, 1.0 / 3.0, 7800.0)
 
-# A nitinol rod as built robots have it, one tendon wound once about it.
+# A nitinol rod as in built robots, with one helical tendon of one turn.
 SECTIONS = (
     Section(LENGTH, 0.01, 0.01, THIRDS, (2.0 * math.pi, 0.0, 0.5)),
     Section(0.15, 0.012, 0.008, THIRDS),
@@ -49,7 +49,7 @@ WRENCH = np.array([0.05, 0.1, -0.1, 0.002, 0.0, 0.003])
 
 
 def robot(discs: Discs | None = Discs.evenly(5, LENGTH), **given: Any) -> Arm:
-    """A robot of two sections."""
+    """Return a robot of two sections."""
     body = Body(LENGTH, 0.0006, 0.0006, disc_radius=0.015)
     given = {'material': STEEL, 'sections': SECTIONS, **given}
     return Arm(body=body, discs=discs or Discs(), **given)
@@ -59,16 +59,16 @@ def solver(arm: Arm, **given: Any) -> Solver:
     return Solver(arm, 'exact', **{'stations': 51, 'material': 'linear', **given})
 
 
-def chords_of(one: Solver, shape: Backbone) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Faces of the discs, which are stations, and of every tendon holes there and directions on.
+def chords_of(solver_: Solver, shape: Backbone) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the faces of the discs, and each tendon's holes and directions there.
 
     Returns:
         (faces,) [m], (tendons, faces, 3) [m] and (tendons, faces - 1, 3).
     """
-    faces = np.array([0.0, *one.arm.discs.faces])
-    at = [int(np.argmin(np.abs(shape.s - s))) for s in faces]
-    assert np.abs(shape.s[at] - faces).max() < 1e-12
-    holes = tendon_points(one.arm, shape)[:, at]
+    faces = np.array([0.0, *solver_.arm.discs.faces])
+    indices = [int(np.argmin(np.abs(shape.s - s))) for s in faces]
+    assert np.abs(shape.s[indices] - faces).max() < 1e-12
+    holes = tendon_points(solver_.arm, shape)[:, indices]
     chords = np.diff(holes, axis=1)
     return faces, holes, chords / np.linalg.norm(chords, axis=2, keepdims=True)
 
@@ -77,123 +77,123 @@ def chords_of(one: Solver, shape: Backbone) -> tuple[FloatArray, FloatArray, Flo
 @pytest.mark.parametrize(
     'discs', [Discs.evenly(5, LENGTH), Discs((0.05, 0.1, 0.2), 0.01)], ids=['thin', 'thick']
 )
-def test_between_discs_rod_and_chords_bear_what_acts_beyond(discs, mu):
+def test_rod_and_chords_between_discs_are_in_balance(discs, mu):
     arm = robot(discs, friction=(mu,))
-    one = solver(arm)
-    shape = one.solve(0.5 * PULL, WRENCH)
-    faces, holes, unit = chords_of(one, shape)
-    away = np.abs(shape.s[:, np.newaxis] - faces).min(axis=1) > 1e-9
-    (inside,) = np.nonzero(away & ~arm.discs.cover(shape.s))
-    assert inside.size > 20
+    solver_ = solver(arm)
+    shape = solver_.solve(0.5 * PULL, WRENCH)
+    faces, holes, directions = chords_of(solver_, shape)
+    is_between = np.abs(shape.s[:, np.newaxis] - faces).min(axis=1) > 1e-9
+    (indices,) = np.nonzero(is_between & ~arm.discs.cover(shape.s))
+    assert indices.size > 20
     bending, axial = STEEL.youngs_modulus * np.pi * 0.0006 ** np.array([4, 2]) / [4.0, 1.0]
     axes = Rotation.from_quat(shape.quaternion).as_matrix()
-    for i in inside:
-        piece = int(np.searchsorted(faces, shape.s[i])) - 1
-        pull = shape.tendon_tensions[i][:, np.newaxis] * unit[:, piece]
+    for i in indices:
+        interval = int(np.searchsorted(faces, shape.s[i])) - 1
+        pull = shape.tendon_tensions[i][:, np.newaxis] * directions[:, interval]
         force = WRENCH[:3] - pull.sum(axis=0)
         moment = WRENCH[3:] + np.cross(shape.tip - shape.position[i], WRENCH[:3])
-        moment -= np.cross(holes[:, piece] - shape.position[i], pull).sum(axis=0)
+        moment -= np.cross(holes[:, interval] - shape.position[i], pull).sum(axis=0)
         omega = np.array([0.75 * shape.tau[i], shape.xi[i], shape.k[i]])
         expected = bending * (1.0 + shape.q[i]) * omega
         assert_allclose(axes[i].T @ moment, expected, rtol=0.0, atol=1e-6 * bending / LENGTH)
         assert force @ axes[i][:, 0] == pytest.approx(axial * shape.q[i], rel=1e-6)
 
 
-def test_the_manual_says_how_far_the_tip_is_with_few_discs():
-    # Of the rod of Rao et al., which two tendons bend by 68 degrees.
+def test_distances_of_the_tip_in_the_manual_are_reproduced():
+    # Two tendons bend the rod of Rao et al. by 68 degrees.
     arm, tips = load_config('rao2021').arm, []
     for count in (0, 4, 10, 20):
         bent = dataclasses.replace(arm, discs=Discs.evenly(count, arm.length))
         tips.append(Solver(bent, 'exact', material='linear').solve([[2, 0, 0], [2, 0, 0]]).tip)
-    far = 100.0 * np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1) / arm.length
-    assert_allclose(far, [28.0, 3.2, 0.8], rtol=0.04)
+    distances = 100.0 * np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1) / arm.length
+    assert_allclose(distances, [28.0, 3.2, 0.8], rtol=0.04)
 
 
-def test_the_distance_falls_with_the_square_of_that_of_discs():
+def test_error_is_of_second_order_in_the_distance_of_discs():
     tips = [
         solver(robot(discs)).solve(0.3 * PULL, WRENCH).tip
         for discs in (None, *(Discs.evenly(count, LENGTH) for count in (16, 32)))
     ]
-    far = np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1)
-    assert_allclose(far[:-1] / far[1:], 4.0, rtol=0.03)
+    distances = np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1)
+    assert_allclose(distances[:-1] / distances[1:], 4.0, rtol=0.03)
 
 
-def test_friction_takes_its_part_at_every_hole_and_leaves_another_on_the_way_back():
-    mu, one = 0.25, solver(robot(friction=(0.25,)))
-    up = one.solve(0.5 * PULL, WRENCH)
-    unit = chords_of(one, up)[2][0]
-    angle = np.arccos((unit[1:] * unit[:-1]).sum(axis=1)).cumsum()
-    local = one.local_tensions(up)[0]
-    kept = np.unique(np.round(local, 9))[::-1]
+def test_friction_acts_at_every_hole_and_has_hysteresis():
+    mu, solver_ = 0.25, solver(robot(friction=(0.25,)))
+    loaded = solver_.solve(0.5 * PULL, WRENCH)
+    directions = chords_of(solver_, loaded)[2][0]
+    angle = np.arccos((directions[1:] * directions[:-1]).sum(axis=1)).cumsum()
+    local = solver_.local_tensions(loaded)[0]
+    levels = np.unique(np.round(local, 9))[::-1]
     expected = 0.5 * PULL[0, 0] * np.exp(-mu * np.append(0.0, angle))
-    assert_allclose(kept, expected, rtol=1e-7)
-    down = one.follow(0.45 * PULL, up, WRENCH)
-    straight = one.solve(0.45 * PULL, WRENCH)
-    local = one.local_tensions(down)
-    assert (local[0] <= 0.5 * PULL[0, 0]).all() and local[0, -1] > 0.98 * kept[-1]
-    assert np.linalg.norm(down.tip - straight.tip) > 1e-3 * LENGTH
-    back = one.follow(0.5 * PULL, down, WRENCH)
-    assert_allclose(back.tip, up.tip, atol=2e-4 * LENGTH)
+    assert_allclose(levels, expected, rtol=1e-7)
+    unloaded = solver_.follow(0.45 * PULL, loaded, WRENCH)
+    fresh = solver_.solve(0.45 * PULL, WRENCH)
+    local = solver_.local_tensions(unloaded)
+    assert (local[0] <= 0.5 * PULL[0, 0]).all() and local[0, -1] > 0.98 * levels[-1]
+    assert np.linalg.norm(unloaded.tip - fresh.tip) > 1e-3 * LENGTH
+    reloaded = solver_.follow(0.5 * PULL, unloaded, WRENCH)
+    assert_allclose(reloaded.tip, loaded.tip, atol=2e-4 * LENGTH)
 
 
 @pytest.mark.parametrize('friction', [(), (0.2,)])
-def test_displacements_return_the_tensions(friction):
+def test_displacements_determine_the_tensions(friction):
     discs = Discs.evenly(5, LENGTH, 0.002)
     arm = robot(discs, friction=friction, axial_stiffness=(2e4,), free_length=(0.1,))
-    one = solver(arm)
-    shape = one.solve(0.5 * PULL, WRENCH)
-    lengths = displacements_of(one, shape).ravel()
+    robot_ = solver(arm)
+    shape = robot_.solve(0.5 * PULL, WRENCH)
+    lengths = displacements_of(robot_, shape).ravel()
 
-    def wound(more=0.0, start=None):
-        named = dict(zip(arm.tendon_names, [lengths[0], lengths[1] + more, *lengths[2:]]))
-        return solve_displacements(one, named, start=start, tip_wrench=WRENCH)
+    def solve(change=0.0, start=None):
+        named = dict(zip(arm.tendon_names, [lengths[0], lengths[1] + change, *lengths[2:]]))
+        return solve_displacements(robot_, named, start=start, tip_wrench=WRENCH)
 
-    found = wound()
-    assert_allclose(found.backbone.tensions, 0.5 * PULL, rtol=1e-5)
-    assert_allclose(found.backbone.tip, shape.tip, atol=1e-7 * LENGTH)
-    if not friction:  # of which one way of two would be back
-        change = wound_sensitivity(one, found).by_displacement.pose[-1, :3, 1]
-        ends = [wound(more, found).backbone.tip for more in (1e-6, -1e-6)]
-        assert_allclose(change, (ends[0] - ends[1]) / 2e-6, rtol=1e-4, atol=1e-5)
+    result = solve()
+    assert_allclose(result.backbone.tensions, 0.5 * PULL, rtol=1e-5)
+    assert_allclose(result.backbone.tip, shape.tip, atol=1e-7 * LENGTH)
+    if not friction:  # with it, one of both steps would unload
+        analytic = wound_sensitivity(robot_, result).by_displacement.pose[-1, :3, 1]
+        ends = [solve(change, result).backbone.tip for change in (1e-6, -1e-6)]
+        assert_allclose(analytic, (ends[0] - ends[1]) / 2e-6, rtol=1e-4, atol=1e-5)
 
 
-def test_a_heavy_disc_at_the_tip_of_a_light_rod_sags_and_swings():
+def test_heavy_disc_at_the_tip_agrees_with_beam_theory():
     light = Material(40e9, 0.3, 1e-3)
     heavy = Discs((LENGTH,), 1e-3, 0.05)
     arm = robot(heavy, material=light, sections=(Section(LENGTH, 0.01, 0.01),))
-    one = solver(arm, loads=Loads(gravity=(0.0, 0.0, -9.81)), stations=101)
-    rod = LENGTH - heavy.thickness  # what bends
+    solver_ = solver(arm, loads=Loads(gravity=(0.0, 0.0, -9.81)), stations=101)
+    free_length = LENGTH - heavy.thickness  # what bends
     stiffness = 40e9 * math.pi * 0.0006**4 / 4.0
     slack = np.zeros((1, 4))
-    sag = -one.solve(slack).tip[2]
-    lever = rod + 0.5 * heavy.thickness
+    sag = -solver_.solve(slack).tip[2]
+    lever = free_length + 0.5 * heavy.thickness
     weight = 0.05 * 9.81
-    # Of a beam of small slopes, to which a thousandth of the load is added.
+    # Beam theory for small slopes: a thousandth of the mass.
     arm = dataclasses.replace(arm, discs=dataclasses.replace(heavy, mass=5e-5))
     small = solver(arm, loads=Loads(gravity=(0.0, 0.0, -9.81)))
     weight *= 1e-3
-    slope = weight * (lever * rod - 0.5 * rod**2) / stiffness
-    drop = weight * (lever * rod**2 / 2.0 - rod**3 / 6.0) / stiffness
+    slope = weight * (lever * free_length - 0.5 * free_length**2) / stiffness
+    drop = weight * (lever * free_length**2 / 2.0 - free_length**3 / 6.0) / stiffness
     assert -small.solve(slack).tip[2] == pytest.approx(drop + slope * heavy.thickness, rel=1e-4)
     assert sag > 100.0 * drop
     swinging = Dynamics(solver(arm), MotionProperties())
     lowest = modes(swinging, swinging.at_rest(Inputs(slack)), 2).frequencies
     expected = math.sqrt(3.0 * stiffness / (5e-5 * lever**3)) / (2.0 * math.pi)
-    assert_allclose(lowest, expected, rtol=0.02)  # its own rotary inertia aside
+    assert_allclose(lowest, expected, rtol=0.02)  # beam theory neglects the disc's rotary inertia
 
 
-def test_a_damped_robot_of_discs_ends_at_the_equilibrium():
+def test_damped_robot_with_discs_ends_at_the_equilibrium():
     arm = robot(Discs.evenly(4, LENGTH, 0.003, 0.002), axial_stiffness=(2e4,))
-    one = solver(arm, loads=Loads(gravity=(0.0, 0.0, -9.81)), stations=21)
-    moving = Dynamics(one, MotionProperties(damping_time=0.5))
-    state = moving.at_rest(Inputs(np.zeros((2, 3))))
+    solver_ = solver(arm, loads=Loads(gravity=(0.0, 0.0, -9.81)), stations=21)
+    dynamics = Dynamics(solver_, MotionProperties(damping_time=0.5))
+    state = dynamics.at_rest(Inputs(np.zeros((2, 3))))
     for _ in range(150):
-        state = moving.step(state, Inputs(0.3 * PULL), 0.05)
-    expected = one.solve(0.3 * PULL)
-    assert_allclose(moving.backbone(state).tip, expected.tip, atol=1e-5 * LENGTH)
+        state = dynamics.step(state, Inputs(0.3 * PULL), 0.05)
+    expected = solver_.solve(0.3 * PULL)
+    assert_allclose(dynamics.backbone(state).tip, expected.tip, atol=1e-5 * LENGTH)
 
 
-def test_random_robots_have_shapes_unless_tensions_fold_them_between_discs():
+def test_random_robots_converge_and_buckling_between_discs_is_an_error():
     rng, bending = np.random.default_rng(0), 40e9 * math.pi * 0.0006**4 / 4.0
     for _ in range(6):
         discs = Discs.evenly(int(rng.integers(2, 15)), LENGTH, float(rng.choice([0.0, 0.003])))
@@ -220,33 +220,33 @@ def test_random_robots_have_shapes_unless_tensions_fold_them_between_discs():
         ({'tendons.disc_count': 9, 'tendons.sheath_stiffness': [1e5]}, 'expected none with discs'),
     ],
 )
-def test_discs_that_cannot_be_are_refused(values, message):
-    given = load_parameters('rao2021')
+def test_invalid_discs_are_refused(values, message):
+    parameters = load_parameters('rao2021')
     with pytest.raises((ArmDefinitionError, ConfigError)) as error:
-        Config.from_parameters({**given, **values})
+        Config.from_parameters({**parameters, **values})
     assert message in str(error.value)
 
 
-def test_anchorages_are_discs_and_parameters_make_them():
-    given = load_parameters('rao2021')
-    count = Config.from_parameters({**given, 'tendons.disc_count': 20, 'tendons.disc_mass': 0.0})
+def test_parameters_describe_discs_and_anchorages_are_discs():
+    rod = load_parameters('rao2021')
+    count = Config.from_parameters({**rod, 'tendons.disc_count': 20, 'tendons.disc_mass': 0.0})
     assert count.arm.discs == Discs.evenly(20, 0.4)
-    some = {
+    changes = {
         'tendons.discs': [0.1, 0.3],
         'tendons.disc_thickness': 0.002,
         'tendons.disc_mass': 0.01,
     }
-    arm = Config.from_parameters({**given, **some}).arm
+    arm = Config.from_parameters({**rod, **changes}).arm
     assert arm.discs == Discs((0.1, 0.2, 0.3, 0.4), 0.002, 0.01)
 
 
 @pytest.mark.parametrize('count', [-1, 10**12])
-def test_no_number_of_discs_takes_all_the_memory(count):
+def test_number_of_discs_is_bounded(count):
     with pytest.raises(ArmDefinitionError, match=f'number of discs is {count}, expected'):
         Discs.evenly(count, 0.4)
 
 
-def test_a_tendon_alone_does_not_fold_an_arm_at_its_default_limit():
+def test_highest_default_tension_of_one_tendon_does_not_buckle_the_arm():
     arm = dataclasses.replace(load_config('rao2021').arm, discs=Discs.evenly(4, 0.4))
     solver, highest = Solver(arm, 'exact', stations=5, material='linear'), default_highest(arm)
     for tendon in np.eye(6).reshape(6, *arm.tension_shape):

@@ -1,4 +1,4 @@
-"""The model exact without loads: the least energy of every cross section, by other means."""
+"""The model exact without loads: every cross section has the least energy."""
 
 import dataclasses
 import math
@@ -40,20 +40,20 @@ def assert_least_energy(
     for i in np.linspace(0, backbone.s.size - 1, 5).astype(int):
         expected = reference.least_strain(arm, tensions, backbone.s[i], law, shear)
         stretch = 1.0 + backbone.q[i]
-        found = stretch * np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]])
+        strains = stretch * np.array([backbone.tau[i], backbone.xi[i], backbone.k[i]])
         largest = np.abs(expected[:3]).max() + 1e-6 / arm.length
-        assert_allclose(found, expected[:3], atol=1e-8 * largest)
+        assert_allclose(strains, expected[:3], atol=1e-8 * largest)
         assert_allclose(stretch, expected[3], atol=1e-9)
 
 
-# Against an optimiser and a root finder --------------------------------------------------------
+# Optimiser and root finder as references -------------------------------------------------------
 
 
 @pytest.mark.parametrize('law', LAWS)
 @pytest.mark.parametrize('seed', range(2))
-def test_strains_are_those_of_least_energy(preset, law, seed):
+def test_strains_have_the_least_energy(preset, law, seed):
     random = np.random.default_rng(seed)
-    # Not so much that the inner fibres of a thin tip of the linear law have no length left.
+    # With more tension, inner fibres of a thin tip would have no length in the linear law.
     largest = 0.7 * np.array(PAPER_SIZE[preset.arm.length])[:, np.newaxis]
     shares = random.uniform(size=(len(largest), 4))
     tensions = largest * shares / shares.sum(axis=1, keepdims=True)
@@ -67,7 +67,7 @@ def test_strains_are_those_of_least_energy(preset, law, seed):
     ('law', 'shear'), [('linear', False), ('linear', True), ('neo_hookean', False)]
 )
 @pytest.mark.parametrize('name', ['helical', 'three', 'profiles'])
-def test_so_they_are_of_other_tendons_with_shear_and_of_moduli_that_vary(name, law, shear):
+def test_strains_have_the_least_energy_in_general_arms(name, law, shear):
     moduli = Table((0.0, 0.1, 0.2, 0.3, 0.4), (1e5, 1.2e5, 1.5e5, 1.1e5, 0.9e5))
     varied = Material(moduli, Function(lambda s: 0.3 + 0.5 * s, 0.4))
     arms_of = {'helical': HELICAL, 'three': THREE_TENDONS}
@@ -80,7 +80,7 @@ def test_so_they_are_of_other_tendons_with_shear_and_of_moduli_that_vary(name, l
 
 @pytest.mark.parametrize('law', LAWS)
 @pytest.mark.parametrize('pull', [0.01, 0.3, 3.0])
-def test_equal_tendons_compress_by_the_scalar_equation(law, pull):
+def test_compression_by_equal_tendons_solves_the_scalar_equation(law, pull):
     arm = Arm(RUBBER, CONE, (Section(0.4, 0.005, 0.005),))
     backbone = Solver(arm, 'exact', 11, material=law).solve(np.full((1, 4), pull))
     for s, q in zip(backbone.s, backbone.q):
@@ -97,30 +97,30 @@ def test_equal_tendons_compress_by_the_scalar_equation(law, pull):
 
 @given(extreme_arms(), st.data())
 @settings(max_examples=30)
-def test_arms_as_thin_as_needles_are_in_balance(arm, data):
-    # So little that linear superposition leaves no doubt that there is an answer.
+def test_arms_with_thin_tips_are_in_balance(arm, data):
+    # Small tensions, for which an equilibrium exists by linear superposition.
     tensions = data.draw(tensions_for(arm, 0.05 / len(arm.sections)))
     for law in LAWS:
         backbone = Solver(arm, 'exact', 21, material=law).solve(tensions)
         assert backbone.residual <= 1e-10
 
 
-def test_a_peak_of_strain_between_the_points_is_followed():
-    # Interpolated from Chebyshev points, the curvature towards this tip turns sections inside out.
+def test_peak_of_strain_between_points_is_resolved():
+    # Interpolation from Chebyshev points would invert sections near this tip.
     section = Section(0.5705063220799433, 0.013006051446039847, 3.5939145729918886e-06)
     body = Body(0.5705063220799433, 0.03323038907833264, 8.38382386761339e-06)
     arm = Arm(Material(1.1e5), body, (section,))
     tensions = [[6.587250390349166e-07, 1.303460156279126e-06, 0.0, 3.008288874788476e-07]]
     exact, closed = (Solver(arm, model).solve(tensions) for model in ('exact', 'closed_form'))
     assert exact.residual <= 1e-11
-    # A hundredth of how far it bends.
+    # A tenth of the deflection.
     assert np.linalg.norm(exact.tip - closed.tip) < 1e-5 * arm.length
     assert np.hypot(*exact.tip[1:]) > 1e-4 * arm.length
 
 
 @given(arms(), st.data(), fractions(0.5, 10.0))
 @settings(max_examples=20)
-def test_far_too_much_tension_is_an_answer_in_balance_or_an_error(arm, data, load):
+def test_excessive_tension_gives_a_balanced_shape_or_an_error(arm, data, load):
     tensions = data.draw(tensions_for(arm, load))
     for law in LAWS:
         try:
@@ -129,5 +129,5 @@ def test_far_too_much_tension_is_an_answer_in_balance_or_an_error(arm, data, loa
             continue
         assert backbone.residual <= 1e-10
         assert np.isfinite(backbone.position).all()
-        left = [reference.imbalance(arm, law, backbone, i) for i in range(0, 21, 5)]
-        assert max(left) < 1e-6
+        residuals = [reference.imbalance(arm, law, backbone, i) for i in range(0, 21, 5)]
+        assert max(residuals) < 1e-6

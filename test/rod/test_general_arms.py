@@ -1,4 +1,4 @@
-"""Arms beyond the paper's: any tendons, bodies and materials, bent at rest, in Python and YAML."""
+"""Arms beyond the paper: any tendons, bodies, materials and rest shapes, in Python and YAML."""
 
 import dataclasses
 import math
@@ -58,7 +58,7 @@ PULLS = np.array([0.4, 0.1, 0.0, 0.6, 0.0, 0.2, 0.3])
 
 
 @pytest.mark.parametrize('model', ['closed_form', 'exact'])
-def test_the_same_arm_said_in_other_words_has_the_same_shape(model):
+def test_tables_and_functions_describe_the_same_arm(model):
     s = tuple(np.linspace(0.0, 0.3, 61).tolist())
     plain = Arm(SOFT, CONE, (Section(0.3, 0.008, 0.004),))
 
@@ -87,7 +87,7 @@ def test_the_same_arm_said_in_other_words_has_the_same_shape(model):
         assert_allclose(got.k, expected.k, rtol=1e-7)
 
 
-def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat():
+def test_tensions_of_unequal_sections_are_flat_or_rows():
     solver = Solver(HELICAL, 'exact', 31)
     assert HELICAL.tension_shape == (7,)
     flat = solver.solve(PULLS)
@@ -104,7 +104,7 @@ def test_sections_may_differ_in_number_and_tensions_come_in_rows_or_flat():
 # In a file --------------------------------------------------------------------------------------
 
 
-def test_a_file_says_everything_but_functions():
+def test_parameters_describe_tables_tendons_and_loads():
     values = {
         'model': 'exact',
         'material.table_s': [0.0, 0.1, 0.3],
@@ -165,34 +165,34 @@ BENDING = {
 
 
 @pytest.mark.parametrize('name', BENDING)
-def test_each_tendon_bends_by_the_stiffness_about_its_axis(name):
+def test_curvature_is_moment_over_bending_stiffness(name):
     arm, (about_n, about_b) = BENDING[name]
     solver = Solver(arm, 'exact', material='linear')
     for tensions, xi, k in (([2.0, 0, 0, 0], 0.0, 1.0), ([0, 2.0, 0, 0], -1.0, 0.0)):
-        found = solver.solve([tensions])
-        stretch = 1.0 + found.q
+        shape = solver.solve([tensions])
+        stretch = 1.0 + shape.q
         moment = 2.0 * OFFSET
-        assert_allclose(stretch * found.xi, xi * moment / about_n, rtol=1e-9)
-        assert_allclose(stretch * found.k, k * moment / about_b, rtol=1e-9)
-    # The paper's balance leaves out terms in the square of the curvature alone.
-    close = Solver(arm, 'closed_form').solve([[2e-3, 1e-3, 0.0, 0.0]])
-    assert_allclose(close.k[-1], 2e-3 * OFFSET / about_b, rtol=1e-4)
-    assert_allclose(close.xi[-1], -1e-3 * OFFSET / about_n, rtol=1e-4)
+        assert_allclose(stretch * shape.xi, xi * moment / about_n, rtol=1e-9)
+        assert_allclose(stretch * shape.k, k * moment / about_b, rtol=1e-9)
+    # closed_form neglects terms in the square of the curvature.
+    shape_of_closed_form = Solver(arm, 'closed_form').solve([[2e-3, 1e-3, 0.0, 0.0]])
+    assert_allclose(shape_of_closed_form.k[-1], 2e-3 * OFFSET / about_b, rtol=1e-4)
+    assert_allclose(shape_of_closed_form.xi[-1], -1e-3 * OFFSET / about_n, rtol=1e-4)
 
 
-@pytest.mark.parametrize(('ratio', 'part'), [(1.0, 0.140577), (2.0, 0.228682), (10.0, 0.312325)])
-def test_rectangles_twist_as_saint_venant_found(ratio, part):
+@pytest.mark.parametrize(('ratio', 'factor'), [(1.0, 0.140577), (2.0, 0.228682), (10.0, 0.312325)])
+def test_torsion_of_rectangles_equals_saint_venants(ratio, factor):
     for sizes in ((ratio, 1.0), (1.0, ratio)):
-        found = Geometry.of_rectangle(*(np.array([size]) for size in sizes))
-        assert_allclose(found.torsion, part * ratio, rtol=3e-6)
+        geometry = Geometry.of_rectangle(*(np.array([size]) for size in sizes))
+        assert_allclose(geometry.torsion, factor * ratio, rtol=3e-6)
     arm = dataclasses.replace(STRIP, body=RectangularBody(LENGTH, 1e-3 * ratio, 1e-3, 0.01))
     solver = Solver(arm, 'exact', material='linear', loads=Loads(tip_moment=(0.01, 0.0, 0.0)))
-    torsion = METAL.shear_modulus * part * ratio * 1e-12
+    torsion = METAL.shear_modulus * factor * ratio * 1e-12
     assert_allclose(solver.solve(np.zeros((1, 4))).tau, 0.01 / torsion, rtol=3e-6)
 
 
 def fibres(shape: str) -> tuple[FloatArray, FloatArray, Arm]:
-    """Places along n and parts of the area of many fibres of a soft arm of a ``shape``."""
+    """Return positions along n and area fractions of the fibres of a soft arm, and the arm."""
     points, weights = np.polynomial.legendre.leggauss(40)
     soft = Material(1e5, 0.5)
     section = (Section(LENGTH, 0.004, 0.004),)
@@ -201,31 +201,31 @@ def fibres(shape: str) -> tuple[FloatArray, FloatArray, Arm]:
         return 5e-3 * points, 0.5 * weights, Arm(soft, body, section)
     angle = np.pi * (np.arange(64) + 0.5) / 64
     radius = 0.008 + 0.002 * points
-    parts = np.outer(weights * radius, np.ones(64))
-    place = np.outer(radius, np.cos(angle))
+    areas = np.outer(weights * radius, np.ones(64))
+    positions = np.outer(radius, np.cos(angle))
     return (
-        place.ravel(),
-        (parts / parts.sum()).ravel(),
+        positions.ravel(),
+        (areas / areas.sum()).ravel(),
         Arm(soft, Body(LENGTH, 0.01, 0.01, 0.0, 0.006), section),
     )
 
 
 @pytest.mark.parametrize(('shape', 'error'), [('strip', 0.12), ('tube', 0.25)])
-def test_rubber_is_that_of_its_fibres_to_second_order(shape, error):
-    # The ellipse of the same second moments has other fourth ones.
+def test_rubber_agrees_with_the_sum_over_fibres_to_second_order(shape, error):
+    # An ellipse with the same second moments has other fourth moments.
     place, part, arm = fibres(shape)
     area = float(arm.body.geometry(np.zeros(1)).area[0])
     solver = Solver(arm, 'exact')
     for pull in (0.8, 0.4, 0.2):
-        found = solver.solve([[pull, 0.0, 0.0, 0.0]])
-        stretch, k = 1.0 + found.q[-1], found.k[-1] * (1.0 + found.q[-1])
+        solution = solver.solve([[pull, 0.0, 0.0, 0.0]])
+        stretch, k = 1.0 + solution.q[-1], solution.k[-1] * (1.0 + solution.q[-1])
 
         def moment(k, stretch=stretch):
             lengths = stretch - k * place / math.sqrt(stretch)
             slope = 1e5 / 3.0 * (lengths - 1.0 / lengths**2)
             return float((slope * -place * part).sum()) * area / math.sqrt(stretch)
 
-        # A parallel tendon pulls with this moment per curvature, whatever the strain.
+        # The moment of a parallel tendon, for any strain.
         expected = pull * 0.004 / math.sqrt(stretch)
         exact = brentq(lambda k: moment(k) - expected, 0.0, 2.0 * k)
         surface = float(np.abs(place).max()) * k
@@ -233,8 +233,8 @@ def test_rubber_is_that_of_its_fibres_to_second_order(shape, error):
         assert surface > 0.01
 
 
-def test_weight_is_that_of_the_material_and_buoyancy_that_of_the_outline():
-    # A clamped beam under its own weight, to first order.
+def test_weight_of_a_tube_uses_its_wall_and_buoyancy_its_outline():
+    # First-order deflection of a clamped beam under its own weight.
     for fluid, mass in ((0.0, (1.0 - 0.8**2) * DENSITY), (1000.0, 0.36 * DENSITY - 1000.0)):
         loads = Loads(gravity=(0.0, 0.0, -1.0), fluid_density=fluid)
         tip = Solver(TUBE, 'exact', material='linear', loads=loads).solve(np.zeros((1, 4))).tip
@@ -243,84 +243,84 @@ def test_weight_is_that_of_the_material_and_buoyancy_that_of_the_outline():
 
 
 @pytest.mark.parametrize('name', BENDING)
-def test_frequencies_are_those_of_the_section(name):
+def test_frequencies_depend_on_the_section_as_in_beam_theory(name):
     arm, bending = BENDING[name]
     body = arm.body.geometry(np.zeros(1))
     dynamics = Dynamics(Solver(arm, 'exact', material='linear'), MotionProperties(viscosity=1e3))
-    found = modes(dynamics, dynamics.at_rest(Inputs(np.zeros((1, 4)))), 24).frequencies
+    frequencies = modes(dynamics, dynamics.at_rest(Inputs(np.zeros((1, 4)))), 24).frequencies
     mass = DENSITY * body.area.item()
     for stiffness in bending:
-        plain = 1.8751040687**2 / (2.0 * math.pi * LENGTH**2) * math.sqrt(stiffness / mass)
-        assert np.abs(found / plain - 1.0).min() < 3e-4
+        bernoulli = 1.8751040687**2 / (2.0 * math.pi * LENGTH**2) * math.sqrt(stiffness / mass)
+        assert np.abs(frequencies / bernoulli - 1.0).min() < 3e-4
     torsion = METAL.shear_modulus * body.torsion.item() if name != 'given' else 0.025
     polar = DENSITY * (body.about_n + body.about_b).item()
-    assert np.abs(found * 4.0 * LENGTH / math.sqrt(torsion / polar) - 1.0).min() < 1e-8
+    assert np.abs(frequencies * 4.0 * LENGTH / math.sqrt(torsion / polar) - 1.0).min() < 1e-8
 
 
-# Bent at rest -----------------------------------------------------------------------------------
+# Rest shapes ------------------------------------------------------------------------------------
 
 HELIX = RestShape(3.0, 6.0, 20.0)
 
 
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean', 'closed_form'])
-def test_an_arm_without_load_has_its_shape_at_rest(law):
-    model, given = ('closed_form', {}) if law == 'closed_form' else ('exact', {'material': law})
-    solver = Solver(dataclasses.replace(TUBE, rest=HELIX), model, 31, **given)
-    found = solver.solve(np.zeros((1, 4)))
+def test_unloaded_arm_has_its_rest_shape(law):
+    model, options = ('closed_form', {}) if law == 'closed_form' else ('exact', {'material': law})
+    solver = Solver(dataclasses.replace(TUBE, rest=HELIX), model, 31, **options)
+    shape = solver.solve(np.zeros((1, 4)))
     t, n, b = 20.0, 3.0, 6.0
     screw = np.array([[0, -b, n, 1.0], [b, 0, -t, 0], [-n, t, 0, 0], [0, 0, 0, 0]])
-    for s, position in zip(found.s, found.position, strict=True):
+    for s, position in zip(shape.s, shape.position, strict=True):
         assert_allclose(position, expm(s * screw)[:3, 3], rtol=0.0, atol=1e-12)
     assert_allclose(
-        np.stack([found.tau, found.xi, found.k, found.q]).T, [[t, n, b, 0.0]] * 31, atol=1e-12
+        np.stack([shape.tau, shape.xi, shape.k, shape.q]).T, [[t, n, b, 0.0]] * 31, atol=1e-12
     )
 
 
-def test_a_table_of_curvature_bends_it_so_along_its_length():
-    along = Table((0.0, 0.05, LENGTH), (4.0, -2.0, 1.0))
-    rest = RestShape(curvature_b=along, curvature_n=Linear(1.0, 3.0, LENGTH))
+def test_rest_curvature_may_vary_along_the_arm():
+    curvature = Table((0.0, 0.05, LENGTH), (4.0, -2.0, 1.0))
+    rest = RestShape(curvature_b=curvature, curvature_n=Linear(1.0, 3.0, LENGTH))
     for law in ('linear', 'neo_hookean'):
         solver = Solver(dataclasses.replace(TUBE, rest=rest), 'exact', 41, material=law)
-        found = solver.solve(np.zeros((1, 4)))
-        assert_allclose(found.k, along.value(found.s), atol=1e-8)
-        assert_allclose(found.xi, 1.0 + 2.0 * found.s / LENGTH, atol=1e-9)
+        shape = solver.solve(np.zeros((1, 4)))
+        assert_allclose(shape.k, curvature.value(shape.s), atol=1e-8)
+        assert_allclose(shape.xi, 1.0 + 2.0 * shape.s / LENGTH, atol=1e-9)
 
 
 @pytest.mark.parametrize('model', ['exact', 'closed_form'])
-def test_a_tendon_straightens_a_bent_rod_and_its_winch_knows_by_how_much(model):
+def test_tendon_straightens_a_bent_rod_with_the_expected_displacement(model):
     curvature, (arm, (_, bending)) = 4.0, BENDING['tube']
     bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature))
     pull = bending * curvature / OFFSET
     solver = Solver(bent, model, 21, **({'material': 'linear'} if model == 'exact' else {}))
-    found = solver.solve([[pull, 0.0, 0.0, 0.0]])
-    assert np.abs(found.k).max() < 1e-9 * curvature
+    shape = solver.solve([[pull, 0.0, 0.0, 0.0]])
+    assert np.abs(shape.k).max() < 1e-9 * curvature
     stretch = 1.0 - pull / (YOUNG * math.pi * 0.36e-6)
-    assert_allclose(found.tip, [LENGTH * stretch, 0.0, 0.0], atol=1e-12)
-    # On the outside of the bend the tendon was longer than the arm.
-    reeled = LENGTH * (1.0 + curvature * OFFSET - stretch)
+    assert_allclose(shape.tip, [LENGTH * stretch, 0.0, 0.0], atol=1e-12)
+    # On the outside of the bend the unloaded tendon is longer than the arm.
+    displacement = LENGTH * (1.0 + curvature * OFFSET - stretch)
     name = bent.tendon_names[0]
-    assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
-    wound = solve_displacements(solver, {name: reeled}).backbone
+    assert_allclose(displacements_of(solver, shape)[0, 0], displacement, rtol=1e-9)
+    wound = solve_displacements(solver, {name: displacement}).backbone
     assert_allclose(wound.tensions[0], [pull, 0.0, 0.0, 0.0], rtol=1e-6, atol=1e-9)
 
 
-def test_chords_between_discs_of_a_bent_rod_are_those_of_its_arc():
+def test_displacement_between_discs_of_a_bent_rod_equals_the_chords():
     curvature, count, (arm, (_, bending)) = 4.0, 5, BENDING['tube']
     discs = Discs(tuple(np.linspace(0.0, LENGTH, count + 1)[1:].tolist()))
     bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature), discs=discs)
     pull = bending * curvature / OFFSET
     solver = Solver(bent, 'exact', 21, material='linear')
-    found = solver.solve([[pull, 0.0, 0.0, 0.0]])
-    assert np.abs(found.k).max() < 1e-9 * curvature
+    shape = solver.solve([[pull, 0.0, 0.0, 0.0]])
+    assert np.abs(shape.k).max() < 1e-9 * curvature
     half = 0.5 * curvature * LENGTH / count
     unloaded = count * 2.0 * (1.0 / curvature + OFFSET) * math.sin(half)
-    reeled = unloaded - found.tip[0]
-    assert_allclose(displacements_of(solver, found)[0, 0], reeled, rtol=1e-9)
+    displacement = unloaded - shape.tip[0]
+    assert_allclose(displacements_of(solver, shape)[0, 0], displacement, rtol=1e-9)
 
 
-def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring():
-    # A force along the chord of a short arc: sections under no moment curve by 1 / w, to first
-    # order, as all fibres of a ring are stretched in proportion.
+def test_stretched_bent_rubber_has_the_curvature_of_a_ring():
+    # A force along the chord of a short arc. Sections without a moment have the curvature 1 / w
+    # to first order, because all fibres stretch in proportion.
     soft = Arm(
         Material(1e5, 0.5),
         Body(0.02, 0.004, 0.004),
@@ -328,13 +328,13 @@ def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring():
         rest=RestShape(curvature_b=1.0),
     )
     pull = 4.0 * 1e5 / 3.0 * math.pi * 0.004**2 * (1.2 - 1.0 / 1.2**2) / 4.0
-    base = Solver(soft, 'exact', loads=Loads(tip_force=(pull, 0.01 * pull, 0.0)))
-    found = base.solve(np.zeros((1, 4)))
-    assert_allclose(1.0 + found.q, 1.2, rtol=1e-3)
-    assert_allclose(found.k[-1], math.sqrt(1.2), rtol=2e-3)
+    solver = Solver(soft, 'exact', loads=Loads(tip_force=(pull, 0.01 * pull, 0.0)))
+    shape = solver.solve(np.zeros((1, 4)))
+    assert_allclose(1.0 + shape.q, 1.2, rtol=1e-3)
+    assert_allclose(shape.k[-1], math.sqrt(1.2), rtol=2e-3)
 
 
-# Refused ----------------------------------------------------------------------------------------
+# Errors -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -354,13 +354,13 @@ def test_rubber_that_is_stretched_alike_stays_bent_as_a_ring():
         (dataclasses.replace(TUBE, body=Body(LENGTH, 0.01, 0.01), rest=HELIX), 'an arm that is b'),
     ],
 )
-def test_the_papers_model_refuses_what_the_paper_does_not_cover(arm, what):
+def test_renda2012_refuses_arms_beyond_the_paper(arm, what):
     with pytest.raises(ConfigError, match=f"'renda2012', which does not cover {what}"):
         Solver(arm, 'renda2012')
 
 
 @pytest.mark.parametrize('model', ['renda2012', 'closed_form'])
-def test_what_goes_with_exact_alone_is_refused_of_the_papers_models(table4, model):
+def test_papers_models_refuse_discs_and_sheaths(table4, model):
     for name, value in (('discs', Discs.evenly(5, 0.45)), ('sheath_stiffness', (1e5,))):
         arm = dataclasses.replace(table4.arm, **{name: value})
         with pytest.raises(ConfigError, match=rf'tendons\.{name} goes with model exact'):
@@ -432,7 +432,7 @@ def test_what_goes_with_exact_alone_is_refused_of_the_papers_models(table4, mode
         ),
     ],
 )
-def test_impossible_arms_name_field_value_and_expectation(build, message):
+def test_invalid_arms_are_refused(build, message):
     with pytest.raises(ArmDefinitionError) as refusal:
         build()
     assert str(refusal.value).startswith(message)
@@ -454,7 +454,7 @@ ROUND = {'body.radius_base': 1e-3, 'body.radius_tip': 1e-3}
 S = [0.0, 0.1, LENGTH]
 
 
-def test_a_file_says_all_of_it():
+def test_parameters_describe_sections_and_rest_shapes():
     values = THIN | {
         'body.table_s': S,
         'body.table_width': [3e-3, 2e-3, 1e-3],
@@ -510,7 +510,7 @@ def test_a_file_says_all_of_it():
         (ROUND | {'rest.table_torsion': [1.0]}, 'rest.table_torsion has 1 values, expected 0'),
     ],
 )
-def test_what_does_not_fit_together_is_named(changes, message):
+def test_contradicting_parameters_are_refused(changes, message):
     with pytest.raises(OctoArmError) as refusal:
         Config.from_parameters(THIN | changes)
     assert str(refusal.value).startswith(message)

@@ -1,4 +1,4 @@
-"""The loaded arm: textbook answers, balance, and the same physics solved by other means."""
+"""The loaded arm: textbook solutions, balance, and a boundary value solver."""
 
 import dataclasses
 import math
@@ -48,30 +48,30 @@ POINTS = dataclasses.replace(EVERYTHING, gravity=(0.0, 0.0, 0.0), distributed=()
 
 
 def rod_of(length: float, radius: float, tip: float | None = None, young: float = 1e9) -> Arm:
-    """An arm with a tendon that nobody pulls."""
+    """Return an arm with a tendon on its midline."""
     section = Section(length, 0.0, 0.0, angles=(0.0,))
     return Arm(Material(young, 0.3, 1200.0), Body(length, radius, tip or radius), (section,))
 
 
 def mapped(loads: Loads, change: Callable[[FloatArray], FloatArray]) -> Loads:
-    """The ``loads`` with each of their vectors changed."""
+    """Return ``loads`` with ``change`` applied to each vector."""
 
-    def of(vector: tuple[float, ...]) -> tuple[float, ...]:
+    def map_(vector: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(change(np.array(vector)).tolist())
 
     return Loads(
-        of(loads.gravity),
+        map_(loads.gravity),
         loads.fluid_density,
-        of(loads.tip_force),
-        of(loads.tip_moment),
-        tuple(PointLoad(load.s, of(load.force), of(load.moment)) for load in loads.points),
-        tuple(DistributedLoad(load.s, tuple(map(of, load.force))) for load in loads.distributed),
+        map_(loads.tip_force),
+        map_(loads.tip_moment),
+        tuple(PointLoad(load.s, map_(load.force), map_(load.moment)) for load in loads.points),
+        tuple(DistributedLoad(load.s, tuple(map(map_, load.force))) for load in loads.distributed),
     )
 
 
-def eased(loads: Loads, part: float) -> Loads:
-    """``part`` of all ``loads``."""
-    return mapped(loads, lambda vector: part * vector)
+def scaled(loads: Loads, factor: float) -> Loads:
+    """Return ``loads`` times a ``factor``."""
+    return mapped(loads, lambda vector: factor * vector)
 
 
 def assert_same(found: Backbone, expected: Backbone, atol: float) -> None:
@@ -83,7 +83,7 @@ def assert_same(found: Backbone, expected: Backbone, atol: float) -> None:
         assert_allclose(a, b, atol=100 * atol * (np.abs(b).max() + 1.0))
 
 
-# What loads nothing ----------------------------------------------------------------------------
+# Zero loads ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('law', LAWS)
@@ -96,16 +96,16 @@ def assert_same(found: Backbone, expected: Backbone, atol: float) -> None:
     ],
     ids=['nothing', 'floating', 'no force'],
 )
-def test_loads_of_nothing_leave_the_unloaded_shape(law, loads):
+def test_zero_loads_give_the_unloaded_shape(law, loads):
     expected = Solver(HELICAL, 'exact', material=law).solve(HELICAL_TENSIONS)
     solver = Solver(HELICAL, 'exact', material=law, loads=loads)
-    for found in (
+    for shape in (
         solver.solve(HELICAL_TENSIONS),
         solver.solve(HELICAL_TENSIONS, np.zeros(6)),
         solver.solve(HELICAL_TENSIONS, start=expected),
     ):
         for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q'):
-            assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-12)
+            assert_allclose(getattr(shape, name), getattr(expected, name), atol=1e-12)
 
 
 # Textbooks -------------------------------------------------------------------------------------
@@ -113,9 +113,9 @@ def test_loads_of_nothing_leave_the_unloaded_shape(law, loads):
 
 @pytest.mark.parametrize('law', LAWS)
 @pytest.mark.parametrize('tip_radius', [0.01, 0.004])
-def test_a_small_force_bends_a_cantilever_by_the_integral_of_its_compliance(law, tip_radius):
+def test_small_tip_force_deflects_as_in_beam_theory(law, tip_radius):
     arm, force = rod_of(0.5, 0.01, tip_radius, 1e6), 1e-6
-    found = Solver(arm, 'exact', material=law).solve(
+    shape = Solver(arm, 'exact', material=law).solve(
         [[0.0]], (0.0, 0.6 * force, 0.8 * force, *3 * [0.0])
     )
 
@@ -125,125 +125,125 @@ def test_a_small_force_bends_a_cantilever_by_the_integral_of_its_compliance(law,
     expected = force * quad(compliance, 0.0, 0.5, epsrel=1e-12)[0]
     if tip_radius == 0.01:
         assert expected == pytest.approx(force * 0.5**3 / (3 * 1e6 * math.pi * 1e-8 / 4))
-    assert_allclose(found.tip[1:], expected * np.array([0.6, 0.8]), rtol=2e-6)
+    assert_allclose(shape.tip[1:], expected * np.array([0.6, 0.8]), rtol=2e-6)
 
 
-def test_shear_adds_its_part_to_the_deflection():
+def test_shear_adds_the_timoshenko_deflection():
     arm, force = rod_of(0.1, 0.01, young=1e6), 1e-5
-    found = Solver(arm, 'exact', material='linear', shear=True).solve(
+    shape = Solver(arm, 'exact', material='linear', shear=True).solve(
         [[0.0]], (0.0, force, 0.0, 0.0, 0.0, 0.0)
     )
     area = math.pi * 1e-4
     expected = force * (0.1**3 / (3 * 1e6 * area * 1e-4 / 4) + 0.1 / (1e6 / 2.6 * area))
-    assert found.tip[1] == pytest.approx(expected, rel=1e-6)
+    assert shape.tip[1] == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize('end_angle', [0.1, 0.6, 1.0, 1.3, 1.5])
-def test_a_large_force_bends_it_into_the_elastica(end_angle):
-    # Bisshopp and Drucker 1945. A rod this thin hardly stretches.
+def test_large_tip_force_gives_the_elastica(end_angle):
+    # Bisshopp and Drucker 1945; the thin rod hardly stretches.
     arm = rod_of(1.0, 1e-4)
     bending = 1e9 * math.pi * 1e-16 / 4.0
     m = (1.0 + math.sin(end_angle)) / 2.0
     start = math.asin(math.sqrt(0.5 / m))
     alpha = ellipk(m) - ellipkinc(start, m)
     force = alpha**2 * bending
-    found = Solver(arm, 'exact', material='linear').solve(
+    shape = Solver(arm, 'exact', material='linear').solve(
         [[0.0]], (0.0, 0.0, force, 0.0, 0.0, 0.0)
     )
     across = 1.0 - 2.0 / alpha * (ellipe(m) - ellipeinc(start, m))
     along = math.sqrt(2.0 * math.sin(end_angle)) / alpha
-    assert_allclose(found.tip, [along, 0.0, across], atol=1e-6)
-    tangent = Rotation.from_quat(found.quaternion[-1]).apply([1.0, 0.0, 0.0])
+    assert_allclose(shape.tip, [along, 0.0, across], atol=1e-6)
+    tangent = Rotation.from_quat(shape.quaternion[-1]).apply([1.0, 0.0, 0.0])
     assert math.atan2(tangent[2], tangent[0]) == pytest.approx(end_angle, abs=1e-6)
 
 
 @pytest.mark.parametrize('turns', [0.01, 0.4, 1.3])
-def test_a_moment_bends_a_uniform_rod_into_an_arc(turns):
+def test_tip_moment_bends_a_uniform_rod_into_an_arc(turns):
     arm, curvature = rod_of(0.5, 0.005), 2.0 * math.pi * turns / 0.5
     moment = curvature * 1e9 * math.pi * 0.005**4 / 4.0
-    found = Solver(arm, 'exact', material='linear', loads=Loads(tip_moment=(0, 0, moment))).solve(
+    shape = Solver(arm, 'exact', material='linear', loads=Loads(tip_moment=(0, 0, moment))).solve(
         [[0.0]]
     )
-    angle = curvature * found.s
+    angle = curvature * shape.s
     expected = np.stack([np.sin(angle), 1 - np.cos(angle), 0 * angle], axis=1) / curvature
-    assert_allclose(found.position, expected, atol=1e-8)
-    assert_allclose(found.k, curvature, rtol=1e-9)
+    assert_allclose(shape.position, expected, atol=1e-8)
+    assert_allclose(shape.k, curvature, rtol=1e-9)
 
 
-def test_a_moment_along_the_arm_twists_it():
-    found = Solver(rod_of(0.5, 0.005), 'exact', material='linear').solve(
+def test_axial_moment_twists_a_rod():
+    shape = Solver(rod_of(0.5, 0.005), 'exact', material='linear').solve(
         [[0.0]], (0.0, 0.0, 0.0, 0.2, 0.0, 0.0)
     )
-    assert_allclose(found.tau, 0.2 / (1e9 / 2.6 * math.pi * 0.005**4 / 2), rtol=1e-9)
-    assert_allclose(found.position[:, 1:], 0.0, atol=1e-12)
+    assert_allclose(shape.tau, 0.2 / (1e9 / 2.6 * math.pi * 0.005**4 / 2), rtol=1e-9)
+    assert_allclose(shape.position[:, 1:], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize('law', LAWS)
-# Upwards not so much that it would buckle.
+# The upward case is below the buckling load.
 @pytest.mark.parametrize('gravity', [9.81, -0.5])
-def test_a_hanging_arm_stretches_and_a_standing_one_shrinks_by_its_weight(law, gravity):
-    # Short enough to stand: it would buckle under its weight at about twice this length.
+def test_stretch_of_hanging_and_standing_arms_equals_that_of_their_weight(law, gravity):
+    # The arm would buckle under its weight at about twice this length.
     length = 0.15
     arm = rod_of(length, 0.02, 0.012, 1e5)
     loads = Loads(gravity=(gravity, 0.0, 0.0), fluid_density=200.0)
-    found = Solver(arm, 'exact', 11, material=law, loads=loads).solve([[0.0]])
+    shape = Solver(arm, 'exact', 11, material=law, loads=loads).solve([[0.0]])
 
     def stretch(s):
         radius, tip = float(arm.body.radius(s)), 0.012
-        # A frustum hangs on the cross section.
+        # The weight of the frustum beyond the cross section.
         weight = 1000 * gravity * math.pi * (length - s) / 3 * (radius**2 + radius * tip + tip**2)
         stress = weight / (1e5 * math.pi * radius**2)
         if law == 'linear':
             return 1.0 + stress
         return brentq(lambda x: (x - x**-2) / 3.0 - stress, 0.5, 2.0, xtol=1e-14)
 
-    for s, position, q in zip(found.s, found.position, found.q):
+    for s, position, q in zip(shape.s, shape.position, shape.q):
         assert q == pytest.approx(stretch(s) - 1.0, abs=1e-9)
         assert position[0] == pytest.approx(quad(stretch, 0.0, s, epsabs=1e-12)[0], abs=1e-9)
     if law == 'linear':
         uniform = Solver(rod_of(length, 0.02, young=1e5), 'exact', material='linear', loads=loads)
-        longer = 1000 * gravity * length**2 / (2 * 1e5)
-        assert uniform.solve([[0.0]]).tip[0] == pytest.approx(length + longer, abs=1e-10)
+        elongation = 1000 * gravity * length**2 / (2 * 1e5)
+        assert uniform.solve([[0.0]]).tip[0] == pytest.approx(length + elongation, abs=1e-10)
 
 
-def test_below_eulers_load_a_column_stays_straight():
+def test_column_below_eulers_load_stays_straight():
     arm = rod_of(1.0, 0.002)
     euler = math.pi**2 * 1e9 * math.pi * 0.002**4 / 4.0 / 4.0
     solver = Solver(arm, 'exact', material='linear')
-    found = solver.solve([[0.0]], (-0.9 * euler, 0.0, 0.0, 0.0, 0.0, 0.0))
-    assert_allclose(found.position[:, 1:], 0.0, atol=1e-12)
-    # The deflection by a small force across grows as the load nears Euler's.
+    shape = solver.solve([[0.0]], (-0.9 * euler, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert_allclose(shape.position[:, 1:], 0.0, atol=1e-12)
+    # The deflection by a small transverse force increases towards Euler's load.
     small = 1e-4 * euler
-    found = solver.solve([[0.0]], (-0.9 * euler, small, 0.0, 0.0, 0.0, 0.0))
+    shape = solver.solve([[0.0]], (-0.9 * euler, small, 0.0, 0.0, 0.0, 0.0))
     u = math.pi / 2 * math.sqrt(0.9)
-    assert found.tip[1] == pytest.approx(1e-4 / 0.9 * (math.tan(u) / u - 1.0), rel=1e-4)
+    assert shape.tip[1] == pytest.approx(1e-4 / 0.9 * (math.tan(u) / u - 1.0), rel=1e-4)
 
 
-def test_a_column_beyond_eulers_load_leans_where_it_is_pushed_and_as_far_as_the_elastica():
+def test_buckled_column_equals_the_elastica():
     arm = rod_of(1.0, 1e-4)
     bending = 1e9 * math.pi * 1e-16 / 4.0
     # End angle 60 degrees: m = sin^2(30 degrees), K(m) = L sqrt(P / E J).
     m = math.sin(math.pi / 6.0) ** 2
-    push = float(ellipk(m)) ** 2 * bending
+    force = float(ellipk(m)) ** 2 * bending
     solver = Solver(arm, 'exact', material='linear')
-    leaning = solver.solve([[0.0]], (-push, 0.05 * push, 0.0, 0.0, 0.0, 0.0))
-    found = solver.solve([[0.0]], (-push, 0.0, 0.0, 0.0, 0.0, 0.0), start=leaning)
+    start = solver.solve([[0.0]], (-force, 0.05 * force, 0.0, 0.0, 0.0, 0.0))
+    shape = solver.solve([[0.0]], (-force, 0.0, 0.0, 0.0, 0.0, 0.0), start=start)
     across = 2.0 * math.sqrt(m) / ellipk(m)
     along = 2.0 * ellipe(m) / ellipk(m) - 1.0
-    assert_allclose(found.tip, [along, across, 0.0], atol=1e-6)
+    assert_allclose(shape.tip, [along, across, 0.0], atol=1e-6)
 
 
-# Loads that are others -------------------------------------------------------------------------
+# Equivalent loads ------------------------------------------------------------------------------
 
 
-def test_a_point_load_on_the_tip_is_a_tip_load_however_it_is_given():
+def test_tip_load_point_load_and_tip_wrench_are_equivalent():
     force, moment = (0.01, 0.03, -0.02), (1e-4, -2e-4, 3e-4)
-    given = Loads(tip_force=force, tip_moment=moment)
-    expected = Solver(HELICAL, 'exact', loads=given).solve(HELICAL_TENSIONS)
+    tip_load = Loads(tip_force=force, tip_moment=moment)
+    expected = Solver(HELICAL, 'exact', loads=tip_load).solve(HELICAL_TENSIONS)
     point = Loads(points=(PointLoad(0.4, force, moment),))
     assert_same(Solver(HELICAL, 'exact', loads=point).solve(HELICAL_TENSIONS), expected, 1e-9)
-    later = Solver(HELICAL, 'exact').solve(HELICAL_TENSIONS, (*force, *moment))
-    assert_same(later, expected, 1e-10)
+    by_wrench = Solver(HELICAL, 'exact').solve(HELICAL_TENSIONS, (*force, *moment))
+    assert_same(by_wrench, expected, 1e-10)
     half = Loads(tip_force=tuple(0.5 * f for f in force))
     rest = (*(0.5 * f for f in force), *moment)
     both = Solver(HELICAL, 'exact', loads=half).solve(HELICAL_TENSIONS, rest)
@@ -251,26 +251,26 @@ def test_a_point_load_on_the_tip_is_a_tip_load_however_it_is_given():
     assert_allclose(both.tip_wrench, (*force, *moment), rtol=1e-12)
 
 
-def test_a_distributed_load_of_its_weight_is_gravity():
+def test_distributed_load_of_the_weight_equals_gravity():
     body = Body(0.4, 0.012, 0.012)
     arm = Arm(RUBBER, body, (Section(0.3, 0.01, 0.005),))
     tensions = [[0.5, 2.0, 0.0, 0.3]]
     weight = 1080.0 * math.pi * 0.012**2 * np.array(GRAVITY)
     expected = Solver(arm, 'exact', 81, loads=Loads(gravity=GRAVITY)).solve(tensions)
-    whole = DistributedLoad((0.0, 0.4), (tuple(weight), tuple(weight)))
-    found = Solver(arm, 'exact', 81, loads=Loads(distributed=(whole,))).solve(tensions)
-    assert_same(found, expected, 1e-9)
-    # The same from a ramp up and a ramp down that overlap, with a corner between stations.
+    uniform = DistributedLoad((0.0, 0.4), (tuple(weight), tuple(weight)))
+    shape = Solver(arm, 'exact', 81, loads=Loads(distributed=(uniform,))).solve(tensions)
+    assert_same(shape, expected, 1e-9)
+    # Two overlapping ramps, with a corner between stations, have the same sum.
     ramps = (
         DistributedLoad((0.0, 0.17, 0.4), ((0, 0, 0), tuple(weight), tuple(weight))),
         DistributedLoad((0.0, 0.17), (tuple(weight), (0, 0, 0))),
     )
-    found = Solver(arm, 'exact', 81, loads=Loads(distributed=ramps)).solve(tensions)
-    assert_allclose(found.tip, expected.tip, atol=1e-8)
+    shape = Solver(arm, 'exact', 81, loads=Loads(distributed=ramps)).solve(tensions)
+    assert_allclose(shape.tip, expected.tip, atol=1e-8)
 
 
 @pytest.mark.parametrize('law', LAWS)
-def test_turning_base_and_loads_turns_the_shape(law):
+def test_rotated_base_and_loads_rotate_the_shape(law):
     turn = Rotation.from_euler('xyz', [0.3, -1.1, 2.0])
     base = Pose((1e3, -0.2, 0.3), tuple(turn.as_quat()))
 
@@ -285,35 +285,35 @@ def test_turning_base_and_loads_turns_the_shape(law):
 # Balance ---------------------------------------------------------------------------------------
 
 
-def left_over(arm: Arm, law: str, loads: Loads, backbone: Backbone) -> float:
-    """Largest imbalance at any station, relative, from the shape that came out."""
-    # Loads along the arm act on the shape between its stations.
-    curve, worst = CubicSpline(backbone.s, backbone.position), 0.0
-    is_spread = any(loads.gravity) or loads.distributed
+def largest_imbalance(arm: Arm, law: str, loads: Loads, backbone: Backbone) -> float:
+    """Return the largest relative imbalance of all stations of a shape."""
+    # Distributed loads act on the interpolated shape between stations.
+    curve, largest = CubicSpline(backbone.s, backbone.position), 0.0
+    is_distributed = any(loads.gravity) or loads.distributed
     points = [*loads.points, PointLoad(arm.length, loads.tip_force, loads.tip_moment)]
     for i, s in enumerate(backbone.s):
         force, moment = np.zeros(3), np.zeros(3)
         for load in points:
             if load.s >= s:
                 node = int(np.abs(backbone.s - load.s).argmin())
-                arm_to = backbone.position[node] - backbone.position[i]
+                lever = backbone.position[node] - backbone.position[i]
                 force += load.force
-                moment += np.cross(arm_to, load.force) + load.moment
-        if is_spread:
+                moment += np.cross(lever, load.force) + load.moment
+        if is_distributed:
             edges = [at + e for load in loads.distributed for at in load.s for e in (0.0, 1e-9)]
-            where = np.linspace(s, arm.length, 2001)
-            where = np.union1d(where, [at for at in edges if at > s])
-            area = np.pi * arm.body.radius(where) ** 2
+            nodes = np.linspace(s, arm.length, 2001)
+            nodes = np.union1d(nodes, [at for at in edges if at > s])
+            area = np.pi * arm.body.radius(nodes) ** 2
             density = np.outer((arm.material.density - loads.fluid_density) * area, loads.gravity)
             for load in loads.distributed:
-                each = [np.interp(where, load.s, f, 0.0, 0.0) for f in zip(*load.force)]
-                density += np.transpose(each)
-            force += trapezoid(density, where, axis=0)
+                forces = [np.interp(nodes, load.s, f, 0.0, 0.0) for f in zip(*load.force)]
+                density += np.transpose(forces)
+            force += trapezoid(density, nodes, axis=0)
             moment += trapezoid(
-                np.cross(curve(where) - backbone.position[i], density), where, axis=0
+                np.cross(curve(nodes) - backbone.position[i], density), nodes, axis=0
             )
-        worst = max(worst, reference.imbalance(arm, law, backbone, i, force, moment))
-    return worst
+        largest = max(largest, reference.imbalance(arm, law, backbone, i, force, moment))
+    return largest
 
 
 @pytest.mark.parametrize('law', LAWS)
@@ -322,22 +322,22 @@ def left_over(arm: Arm, law: str, loads: Loads, backbone: Backbone) -> float:
     [
         (HELICES, Loads(), 31),
         (HELICES, POINTS, 31),
-        # Without anchorages on the way the shape is smooth between stations.
+        # One section, so that the shape is smooth between stations.
         (HELICES[:1], dataclasses.replace(EVERYTHING, points=()), 201),
     ],
     ids=['free', 'pushed', 'spread'],
 )
 @pytest.mark.parametrize(('friction', 'left'), [((), 2e-7), ((0.3,), 1e-5)])
-def test_forces_and_moments_balance_at_every_station_across_anchorages(
+def test_forces_and_moments_balance_at_every_station(
     law, sections, loads, stations, friction, left
 ):
     arm = Arm(RUBBER, CONE, sections, friction=friction)
     tensions = HELICAL_TENSIONS[: len(sections)]
     backbone = Solver(arm, 'exact', stations, material=law, loads=loads).solve(tensions)
-    assert left_over(arm, law, loads, backbone) < left
+    assert largest_imbalance(arm, law, loads, backbone) < left
 
 
-def test_positions_are_as_accurate_as_was_asked_for(table4):
+def test_positions_have_the_accuracy_of_the_solver(table4):
     random, loads = np.random.default_rng(5), Loads(gravity=(0.0, 0.0, -9.81))
     usual, fine = (
         Solver(table4.arm.with_density(1080.0), 'exact', 31, loads=loads, accuracy=accuracy)
@@ -350,7 +350,7 @@ def test_positions_are_as_accurate_as_was_asked_for(table4):
         assert np.abs(found - expected).max() <= 1e-8 * table4.arm.length
 
 
-# By other means --------------------------------------------------------------------------------
+# Boundary value solver -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -366,34 +366,34 @@ def test_positions_are_as_accurate_as_was_asked_for(table4):
     ],
     ids=['metal', 'rubber with shear'],
 )
-def test_the_shape_is_that_of_a_boundary_value_solver(arm, tensions, shear, loads):
+def test_shape_equals_that_of_a_boundary_value_solver(arm, tensions, shear, loads):
     arm, tensions = Arm(arm.material, arm.body, arm.sections[:1]), tensions[:1]
     solver = Solver(arm, 'exact', 21, material='linear', shear=shear, loads=loads)
-    found = solver.solve(tensions)
-    expected = reference.loaded_bvp(arm, tensions, found, loads, shear=shear, tol=1e-6)
-    assert_allclose(found.position, expected.position, atol=1e-6 * arm.length)
-    rotation = Rotation.from_quat(found.quaternion).as_matrix()
+    shape = solver.solve(tensions)
+    expected = reference.loaded_bvp(arm, tensions, shape, loads, shear=shear, tol=1e-6)
+    assert_allclose(shape.position, expected.position, atol=1e-6 * arm.length)
+    rotation = Rotation.from_quat(shape.quaternion).as_matrix()
     assert_allclose(rotation, expected.rotation, atol=1e-5)
     unloaded = Solver(arm, 'exact', material='linear', shear=shear).solve(tensions)
-    assert np.linalg.norm(found.tip - unloaded.tip) > 0.1 * arm.length
+    assert np.linalg.norm(shape.tip - unloaded.tip) > 0.1 * arm.length
 
 
 # Solving ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('law', LAWS)
-def test_a_start_changes_how_long_it_takes_and_nothing_else(law):
+def test_start_does_not_change_the_solution(law):
     solver = Solver(HELICAL, 'exact', material=law, loads=EVERYTHING)
     cold = solver.solve(HELICAL_TENSIONS)
     for factor, wrench in ((0.9, None), (1.2, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0)), (0.0, None)):
         start = solver.solve(factor * HELICAL_TENSIONS, wrench)
         warm = solver.solve(HELICAL_TENSIONS, start=start)
-        assert_same(warm, cold, 2e-8)  # Some from a start on finer elements.
-        solver.sensitivity(start)  # Linearised there, what is near takes no more steps.
+        assert_same(warm, cold, 2e-8)  # a start may use finer elements
+        solver.sensitivity(start)  # stores a linearisation, which must not cost iterations
         assert solver.solve(HELICAL_TENSIONS, start=start).iterations <= warm.iterations
 
 
-def test_a_start_of_another_solver_is_refused():
+def test_start_of_another_solver_is_refused():
     solver = Solver(HELICAL, 'exact', material='linear', loads=EVERYTHING)
     for more in ({'stations': 51}, {'shear': True}):
         other = Solver(HELICAL, 'exact', material='linear', loads=EVERYTHING, **more)
@@ -402,16 +402,16 @@ def test_a_start_of_another_solver_is_refused():
 
 
 @pytest.mark.parametrize('law', LAWS)
-def test_the_shape_is_the_one_that_slow_loading_leads_to(law):
-    # There are others in balance, which no arm would stay in.
-    slowly = None
-    for part in np.linspace(0.0, 1.0, 26)[1:]:
-        solver = Solver(HELICAL, 'exact', material=law, loads=eased(EVERYTHING, part))
-        slowly = solver.solve(HELICAL_TENSIONS, start=slowly)
-    assert_same(solver.solve(HELICAL_TENSIONS), slowly, 1e-9)
+def test_solution_equals_that_of_slowly_increasing_loads(law):
+    # Other equilibria exist, which are unstable.
+    followed = None
+    for factor in np.linspace(0.0, 1.0, 26)[1:]:
+        solver = Solver(HELICAL, 'exact', material=law, loads=scaled(EVERYTHING, factor))
+        followed = solver.solve(HELICAL_TENSIONS, start=followed)
+    assert_same(solver.solve(HELICAL_TENSIONS), followed, 1e-9)
 
 
-def test_a_continuation_that_has_spent_its_budget_says_where(table4):
+def test_continuation_without_budget_reports_its_progress(table4):
     arm, loads = table4.arm.with_density(1080.0), Loads(gravity=(-9.81, 0.0, 0.0))
     for budget, spent in ((Budget(4), '4 iterations'), (Budget(seconds=1e-9), '1e-09 s')):
         solver = Solver(arm, 'exact', 31, loads=loads, budget=budget)
@@ -424,7 +424,7 @@ def test_a_continuation_that_has_spent_its_budget_says_where(table4):
         Budget(residual=1)
 
 
-def test_a_batch_under_loads_is_its_sets_one_by_one():
+def test_batch_with_loads_equals_single_solves():
     solver = Solver(HELICAL, 'exact', 31, loads=EVERYTHING)
     tensions = HELICAL_TENSIONS * np.linspace(0.0, 1.0, 3).reshape(3, 1, 1)
     wrenches = 0.01 * np.random.default_rng(0).normal(size=(2, 1, 6)) * ([1.0] * 3 + [0.01] * 3)
@@ -455,17 +455,17 @@ def test_a_batch_under_loads_is_its_sets_one_by_one():
         ),
     ],
 )
-def test_what_is_no_load_is_refused(make, error, message):
+def test_invalid_loads_are_refused(make, error, message):
     with pytest.raises(error, match=message):
         make()
 
 
-# The node nearest to the tip is not quite at it.
+# The bound is that of the node nearest to the tip, which is not exactly at the tip.
 @pytest.mark.parametrize('factor', [0.98, 1.02])
 @pytest.mark.parametrize('way', [(1.0, 0.0, 0.0), (0.6, 0.0, -0.8)])
 @pytest.mark.parametrize('discs', [Discs(), Discs.evenly(9, 0.45)], ids=['path', 'discs'])
-def test_loads_are_bounded_wherever_they_enter(table4, discs, factor, way):
-    # A hundred times E A of the thinnest cross section, and of the root of E A E I.
+def test_all_loads_are_bounded(table4, discs, factor, way):
+    # A hundred times E A of the thinnest cross section, and sqrt(E A E I).
     arm = dataclasses.replace(table4.arm.with_density(1000.0), discs=discs)
     tip = table4.arm.body.radius_tip
     largest_force = 100.0 * 1.1e5 * math.pi * tip**2
@@ -474,7 +474,7 @@ def test_loads_are_bounded_wherever_they_enter(table4, discs, factor, way):
     moment = tuple(factor * largest_moment * x for x in way)
     zero = (0.0, 0.0, 0.0)
     solver = Solver(arm, 'exact')
-    enter = [
+    inputs = [
         lambda: solver.check_tip_wrench((*force, *zero)),
         lambda: solver.check_tip_wrench((*zero, *moment)),
         lambda: solver.check_tip_wrench([(0.0,) * 6, (*force, *moment)]),
@@ -483,13 +483,13 @@ def test_loads_are_bounded_wherever_they_enter(table4, discs, factor, way):
         lambda: Solver(arm, 'exact', loads=Loads(points=(PointLoad(0.2, force),))),
         lambda: Solver(arm, 'exact', loads=Loads(points=(PointLoad(0.2, zero, moment),))),
     ]
-    for make in enter:
+    for make in inputs:
         if factor < 1.0:
             make()
         else:
             with pytest.raises((LoadError, ArmDefinitionError), match='expected at most'):
                 make()
-    # What is enormous is refused before anything is solved.
+    # Huge loads are refused before a solve.
     for size in (1e9, 1e300, 1.7e308) if factor > 1.0 else ():
         vector = (0.0, size, -size)
         for loads in (
@@ -505,7 +505,7 @@ def test_loads_are_bounded_wherever_they_enter(table4, discs, factor, way):
                 solver.solve(np.zeros((3, 4)), wrench)
 
 
-def test_the_papers_models_know_no_loads(table4, papers_model):
+def test_papers_models_refuse_loads(table4, papers_model):
     tensions = np.zeros((3, 4))
     with pytest.raises(ConfigError, match='choose exact'):
         Solver(table4.arm, papers_model, loads=Loads(tip_force=(0, 0, 1)))
@@ -514,20 +514,20 @@ def test_the_papers_models_know_no_loads(table4, papers_model):
     Solver(table4.arm, papers_model).solve(tensions, np.zeros(6))
 
 
-# An arm that coils ------------------------------------------------------------------------------
+# Coiled arms ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('turns', [1, 2, 5])
-def test_a_slender_arm_that_coils_is_resolved_however_even_its_curvature(turns):
-    # Its twist is that of a circle, which a single point would resolve; its midline is not.
+def test_coiled_slender_arm_is_resolved(turns):
+    # The twist is constant, which a single point would resolve, but the midline is a circle.
     tensions = np.array([[16.0 * turns, 0.0, 0.0], [0.0, 0.0, 0.0]])
     solver, step = Solver(METAL, 'exact', 41), 1e-4 * tensions[0, 0]
     unloaded = Solver(METAL, 'exact', 1601)
     coiled = unloaded.solve(tensions)
-    found = solver.solve(tensions, tip_wrench=[0.0, 0.0, 1e-12, 0.0, 0.0, 0.0])
-    turned = np.sum(np.diff(coiled.s) * np.hypot(coiled.xi, coiled.k)[1:])
-    assert turned > 0.9 * math.tau * turns
-    error = np.abs(found.position - coiled.position[::40]).max()
+    shape = solver.solve(tensions, tip_wrench=[0.0, 0.0, 1e-12, 0.0, 0.0, 0.0])
+    angle = np.sum(np.diff(coiled.s) * np.hypot(coiled.xi, coiled.k)[1:])
+    assert angle > 0.9 * math.tau * turns
+    error = np.abs(shape.position - coiled.position[::40]).max()
     assert error < 2e-7 * METAL.length
     expected = jacobian(
         lambda first: unloaded.solve([[first[0], 0.0, 0.0], [0.0, 0.0, 0.0]]).tip,

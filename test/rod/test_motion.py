@@ -1,4 +1,4 @@
-"""The arm in motion against textbooks, conservation laws and its own equilibria."""
+"""Dynamics: textbook frequencies, conservation laws, static limits and states."""
 
 import copy
 import dataclasses
@@ -54,31 +54,31 @@ def swing(
 
 
 @pytest.mark.parametrize('law', ['linear', 'neo_hookean'])
-def test_frequencies_of_a_uniform_cantilever(law):
-    # Euler-Bernoulli's, corrected by Rayleigh's rotary inertia; exact in tension and torsion.
+def test_frequencies_of_a_uniform_cantilever_equal_beam_theory(law):
+    # Euler-Bernoulli to the order of rotary inertia; axial and torsional frequencies are exact.
     dynamics = Dynamics(Solver(ROD, 'exact', material=law))
-    found = modes(dynamics, dynamics.at_rest(Inputs([[0.0, 0.0]])), 10)
+    result = modes(dynamics, dynamics.at_rest(Inputs([[0.0, 0.0]])), 10)
     beta = np.array([1.8751040687, 4.6940911330, 7.8547574382])
-    plain = beta**2 / (2.0 * np.pi * 0.45**2) * np.sqrt(1e5 * 0.01**2 / 4.0 / 1000.0)
-    np.testing.assert_allclose(found.frequencies[[0, 2, 4]], plain, rtol=6e-3)
-    np.testing.assert_allclose(found.frequencies[0], plain[0], rtol=4e-4)
-    # The slower of a pair swings in the plane of the tendons as well as in the other.
-    np.testing.assert_allclose(found.frequencies[1], found.frequencies[0], rtol=1e-9)
+    bernoulli = beta**2 / (2.0 * np.pi * 0.45**2) * np.sqrt(1e5 * 0.01**2 / 4.0 / 1000.0)
+    np.testing.assert_allclose(result.frequencies[[0, 2, 4]], bernoulli, rtol=6e-3)
+    np.testing.assert_allclose(result.frequencies[0], bernoulli[0], rtol=4e-4)
+    # Both planes have the same frequencies.
+    np.testing.assert_allclose(result.frequencies[1], result.frequencies[0], rtol=1e-9)
     axial, torsion = (math.sqrt(c / 1000.0) / (4.0 * 0.45) for c in (1e5, 1e5 / 3.0))
     for exact in (axial, torsion):
-        assert np.abs(found.frequencies / exact - 1.0).min() < 1e-8
+        assert np.abs(result.frequencies / exact - 1.0).min() < 1e-8
 
 
-def test_rotary_inertia_lowers_frequencies_as_rayleigh_found():
-    # To first order by half of the ratio of its kinetic energy to that of translation.
+def test_rotary_inertia_lowers_frequencies_as_in_rayleighs_formula():
+    # To first order by half of the ratio of rotary to translational kinetic energy.
     dynamics = Dynamics(Solver(ROD, 'exact', material='linear', stations=401))
     state = dynamics.at_rest(Inputs([[0.0, 0.0]]))
-    found = modes(dynamics, state, 1)
-    s, shape = dynamics.solver.grid.s, np.linalg.norm(found.shapes[0], axis=1)
+    result = modes(dynamics, state, 1)
+    s, shape = dynamics.solver.grid.s, np.linalg.norm(result.shapes[0], axis=1)
     slope = np.gradient(shape, s)
     ratio = 0.01**2 / 4.0 * trapezoid(slope**2, s) / trapezoid(shape**2, s)
-    plain = 1.8751040687**2 / (2.0 * np.pi * 0.45**2) * np.sqrt(1e5 * 0.01**2 / 4.0 / 1000.0)
-    np.testing.assert_allclose(found.frequencies[0], plain * (1.0 - 0.5 * ratio), rtol=1e-6)
+    bernoulli = 1.8751040687**2 / (2.0 * np.pi * 0.45**2) * np.sqrt(1e5 * 0.01**2 / 4.0 / 1000.0)
+    np.testing.assert_allclose(result.frequencies[0], bernoulli * (1.0 - 0.5 * ratio), rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -89,17 +89,17 @@ def test_rotary_inertia_lowers_frequencies_as_rayleigh_found():
         (1000.0, 1.5, [0.2625, 0.7105, 1.4588]),
     ],
 )
-def test_frequencies_of_table_4_in_air_and_water(water, added, expected):
+def test_frequencies_of_table_4_in_air_and_water_are_reproduced(water, added, expected):
     solver = Solver(TABLE4, 'exact', loads=Loads(fluid_density=water))
     dynamics = Dynamics(solver, MotionProperties(viscosity=300.0, added_mass=added))
-    found = modes(dynamics, dynamics.at_rest(Inputs(SLACK)), 8)
-    np.testing.assert_allclose(found.frequencies[: 2 * len(expected) : 2], expected, atol=6e-5)
-    damping = np.pi * found.frequencies * 3.0 * 300.0 / 110e3
-    np.testing.assert_allclose(found.damping, damping, rtol=1e-6)
+    result = modes(dynamics, dynamics.at_rest(Inputs(SLACK)), 8)
+    np.testing.assert_allclose(result.frequencies[: 2 * len(expected) : 2], expected, atol=6e-5)
+    damping = np.pi * result.frequencies * 3.0 * 300.0 / 110e3
+    np.testing.assert_allclose(result.damping, damping, rtol=1e-6)
 
 
-def test_small_motions_are_those_of_the_linear_model():
-    # About a bent arm in a current, whose water damps and loads it.
+def test_small_motions_equal_those_of_the_linear_model():
+    # The arm is bent in a current, with drag.
     loads = Loads(gravity=GRAVITY, fluid_density=1022.0)
     properties = dataclasses.replace(WATER, current=(0.05, 0.1, 0.0))
     dynamics = Dynamics(Solver(TABLE4, 'exact', loads=loads), properties)
@@ -107,22 +107,23 @@ def test_small_motions_are_those_of_the_linear_model():
     model = linearise(dynamics, first, 60)
     change = 1e-4 * np.arange(12.0)
     x, tip, state = np.zeros(120), dynamics.backbone(first).tip, first
-    # A ramp of 50 ms: the input changes linearly over every step.
-    grown = np.zeros((122, 122))
-    grown[:120, :120], grown[:120, 120], grown[120, 121] = model.A * dt, model.B @ change * dt, 1.0
-    step = expm(grown)
-    before, largest, worst = 0.0, 0.0, 0.0
+    # The input is a ramp of 50 ms, linear over each step.
+    augmented = np.zeros((122, 122))
+    augmented[:120, :121] = dt * np.column_stack([model.A, model.B @ change])
+    augmented[120, 121] = 1.0
+    step = expm(augmented)
+    ramp_before, largest, largest_error = 0.0, 0.0, 0.0
     for number in range(1, 401):
-        part = min(number * dt / 0.05, 1.0)
-        x = step[:120] @ np.concatenate([x, [before, part - before]])
-        before = part
-        tensions = PULL + part * change.reshape(3, 4)
+        ramp = min(number * dt / 0.05, 1.0)
+        x = step[:120] @ np.concatenate([x, [ramp_before, ramp - ramp_before]])
+        ramp_before = ramp
+        tensions = PULL + ramp * change.reshape(3, 4)
         state = dynamics.step(state, Inputs(tensions), dt)
-        expected = model.C @ x + model.D @ change * part
+        expected = model.C @ x + model.D @ change * ramp
         largest = max(largest, float(np.linalg.norm(expected)))
         error = dynamics.backbone(state).tip - tip - expected
-        worst = max(worst, float(np.linalg.norm(error)))
-    assert worst < 1e-2 * largest
+        largest_error = max(largest_error, float(np.linalg.norm(error)))
+    assert largest_error < 1e-2 * largest
     assert largest > 1e-5
 
 
@@ -131,24 +132,24 @@ def test_small_motions_are_those_of_the_linear_model():
 
 @pytest.mark.parametrize('seconds', [1.0, pytest.param(10.0, marks=pytest.mark.endurance)])
 @pytest.mark.parametrize(('water', 'added'), [(0.0, 0.0), (1000.0, 1.5)], ids=['air', 'water'])
-def test_a_free_swing_keeps_its_energy(water, added, seconds):
+def test_undamped_swing_conserves_energy(water, added, seconds):
     loads = Loads(gravity=(0.0, -1.0, 0.0), fluid_density=water)
     solver = Solver(TABLE4, 'exact', stations=5, material='linear', loads=loads)
     dynamics = Dynamics(solver, MotionProperties(added_mass=added))
     first = dynamics.at_rest(Inputs(SLACK, tip_wrench=(0.0, 0.002, 0.001, 0.0, 0.0, 0.0)))
     state, rest = first, energy(dynamics, dynamics.at_rest(Inputs(SLACK)))
-    for part in np.linspace(1.0, 0.0, 151)[1:]:
-        wrench = (0.0, 0.002 * part, 0.001 * part, 0.0, 0.0, 0.0)
+    for factor in np.linspace(1.0, 0.0, 151)[1:]:
+        wrench = (0.0, 0.002 * factor, 0.001 * factor, 0.0, 0.0, 0.0)
         state = dynamics.step(state, Inputs(SLACK, tip_wrench=wrench), 2e-3)
-    found = []
+    energies = []
     for _ in range(round(seconds / 2e-3)):
         state = dynamics.step(state, Inputs(SLACK), 2e-3)
-        found.append(energy(dynamics, state))
+        energies.append(energy(dynamics, state))
     assert energy(dynamics, first) > rest
-    assert np.ptp(found) < 1e-3 * (found[0] - rest)
+    assert np.ptp(energies) < 1e-3 * (energies[0] - rest)
 
 
-def test_errors_fall_with_the_square_of_the_step():
+def test_error_is_of_second_order_in_the_time_step():
     solver = Solver(
         TABLE4, 'exact', stations=5, loads=Loads(gravity=GRAVITY, fluid_density=1022.0)
     )
@@ -176,7 +177,7 @@ SETTLING = MotionProperties(damping_time=0.3)
     [{}, {'sheath_stiffness': (3e5,)}, {'axial_stiffness': (500.0,)}],
     ids=['plain', 'sheaths', 'elastic'],
 )
-def test_a_damped_arm_ends_at_the_equilibrium(changes):
+def test_damped_arm_ends_at_the_static_equilibrium(changes):
     arm = dataclasses.replace(TABLE4, **changes)
     solver = Solver(arm, 'exact', loads=Loads(gravity=GRAVITY, fluid_density=1022.0))
     dynamics = Dynamics(solver, SETTLING)
@@ -184,26 +185,26 @@ def test_a_damped_arm_ends_at_the_equilibrium(changes):
     wrench = (0.0, 0.002, 0.001, 0.0, 1e-5, 0.0)
     state = swing(dynamics, state, Inputs(PULL, tip_wrench=wrench), 20.0, 0.04)
     expected = solver.solve(PULL, wrench)
-    found = dynamics.backbone(state)
-    np.testing.assert_allclose(found.position, expected.position, atol=1e-6 * arm.length)
-    np.testing.assert_allclose(found.k, expected.k, rtol=1e-3, atol=1e-3)
+    shape = dynamics.backbone(state)
+    np.testing.assert_allclose(shape.position, expected.position, atol=1e-6 * arm.length)
+    np.testing.assert_allclose(shape.k, expected.k, rtol=1e-3, atol=1e-3)
     assert np.abs(dynamics.velocities(state)).max() < 1e-7
 
 
 # Water -------------------------------------------------------------------------------------------
 
 
-def test_drag_bears_the_weight_at_the_terminal_speed():
-    # Of a rod that sinks sideways; here the water rises.
-    arm, water, across = ROD.with_density(1080.0), 1022.0, 2.5
+def test_drag_equals_the_weight_at_the_terminal_speed():
+    # The terminal speed of a rod that sinks sideways; here the water rises.
+    arm, water, normal_drag = ROD.with_density(1080.0), 1022.0, 2.5
     solver = Solver(arm, 'exact', loads=Loads(gravity=GRAVITY, fluid_density=water))
-    speed = math.sqrt((1080.0 - water) * 9.81 * math.pi * 0.01 / (water * across))
-    dynamics = Dynamics(solver, MotionProperties(300.0, 0.0, across, 0.01, 1.5))
+    speed = math.sqrt((1080.0 - water) * 9.81 * math.pi * 0.01 / (water * normal_drag))
+    dynamics = Dynamics(solver, MotionProperties(300.0, 0.0, normal_drag, 0.01, 1.5))
     still = dynamics.at_rest(Inputs([[0.0, 0.0]]))
     assert dynamics.backbone(still).tip[2] < -0.05
     rising = dynamics.at_rest(Inputs([[0.0, 0.0]], current=(0.0, 0.0, speed)))
     np.testing.assert_allclose(dynamics.backbone(rising).position[:, 2], 0.0, atol=1e-9)
-    # And the same where the base sinks, and takes the arm with it.
+    # The same for a sinking base in still water.
     state, dt, time = rising, 0.01, 0.0
     for _ in range(50):
         time += dt
@@ -217,7 +218,7 @@ def test_drag_bears_the_weight_at_the_terminal_speed():
 # A base that moves -------------------------------------------------------------------------------
 
 
-def test_a_rod_that_rotates_is_stretched_by_its_own_inertia():
+def test_rotating_rod_has_the_stretch_of_its_centrifugal_force():
     # E A r'' = -rho A omega^2 r with r(0) = 0 and r'(L) = 1.
     omega, dt, angle = 12.0, 4e-3, 0.0
     arm = dataclasses.replace(ROD, material=Material(1e6, 0.5, 1000.0))
@@ -228,58 +229,58 @@ def test_a_rod_that_rotates_is_stretched_by_its_own_inertia():
         base = Pose(quaternion=(0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)))
         state = dynamics.step(state, Inputs([[0.0, 0.0]], base=base), dt)
     k = omega * math.sqrt(1000.0 / 1e6)
-    found = dynamics.backbone(state)
-    np.testing.assert_allclose(np.linalg.norm(found.tip), math.tan(k * 0.45) / k, rtol=1e-5)
+    shape = dynamics.backbone(state)
+    np.testing.assert_allclose(np.linalg.norm(shape.tip), math.tan(k * 0.45) / k, rtol=1e-5)
     np.testing.assert_allclose(
-        found.tip,
-        np.linalg.norm(found.tip) * np.array([math.cos(angle), math.sin(angle), 0.0]),
+        shape.tip,
+        np.linalg.norm(shape.tip) * np.array([math.cos(angle), math.sin(angle), 0.0]),
         atol=2e-4,
     )
     speed = np.linalg.norm(dynamics.velocities(state), axis=1)
-    expected = omega * np.linalg.norm(found.position, axis=1)
+    expected = omega * np.linalg.norm(shape.position, axis=1)
     np.testing.assert_allclose(speed, expected, rtol=1e-3, atol=1e-6)
 
 
 # Tendons -----------------------------------------------------------------------------------------
 
 
-def test_winches_that_reel_in_end_at_the_equilibrium_of_these_lengths():
+def test_winches_end_at_the_static_equilibrium_of_their_displacements():
     arm = dataclasses.replace(TABLE4, axial_stiffness=(500.0,))
     solver = Solver(arm, 'exact', loads=Loads(gravity=GRAVITY, fluid_density=1022.0))
-    reeled = {'tendon_3_1': 0.004, 'tendon_3_3': -0.004, 'tendon_1_2': 0.002}
+    displacements = {'tendon_3_1': 0.004, 'tendon_3_3': -0.004, 'tendon_1_2': 0.002}
     dynamics, tensions = Dynamics(solver, SETTLING), 0.1 * PULL
     state = dynamics.at_rest(Inputs(tensions))
     for number in range(1, 301):
-        part = min(number / 50.0, 1.0)
-        lengths = {name: part * value for name, value in reeled.items()}
+        factor = min(number / 50.0, 1.0)
+        lengths = {name: factor * value for name, value in displacements.items()}
         state = dynamics.step(state, Inputs(tensions, lengths), 0.04)
     names = {name: 0.1 * value for name, value in zip(arm.tendon_names, PULL.ravel())}
-    given = {name: value for name, value in names.items() if name not in reeled}
-    expected = solve_displacements(solver, reeled, given).backbone
+    tensions_by_name = {name: value for name, value in names.items() if name not in displacements}
+    expected = solve_displacements(solver, displacements, tensions_by_name).backbone
     np.testing.assert_allclose(dynamics.backbone(state).tip, expected.tip, atol=1e-6 * 0.45)
     np.testing.assert_allclose(state.tensions, expected.tensions.ravel(), atol=1e-4)
     number = arm.tendon_names.index('tendon_3_3')
     assert state.tensions[number] == 0.0
-    reached = dynamics.displacements(state)
-    np.testing.assert_allclose(reached[arm.tendon_names.index('tendon_3_1')], 0.004, atol=1e-9)
-    assert reached[number] >= -0.004
+    result = dynamics.displacements(state)
+    np.testing.assert_allclose(result[arm.tendon_names.index('tendon_3_1')], 0.004, atol=1e-9)
+    assert result[number] >= -0.004
 
 
-def test_a_slow_pull_with_friction_ends_where_it_would_without_inertia():
+def test_slow_loading_with_friction_equals_the_statics():
     arm = dataclasses.replace(TABLE4, friction=(0.3,))
     solver = Solver(arm, 'exact')
     dynamics = Dynamics(solver, SETTLING)
     state, last = dynamics.at_rest(Inputs(SLACK)), None
-    for goal in (1.0, 0.6):
+    for level in (1.0, 0.6):
         begin = state.tensions.reshape(3, 4)
         for number in range(1, 61):
-            part = min(number / 40.0, 1.0)
-            state = dynamics.step(state, Inputs(begin + part * (goal * PULL - begin)), 0.15)
-        last = solver.follow(goal * PULL, last)
-        found = dynamics.backbone(state).tip
-        np.testing.assert_allclose(found, last.tip, atol=5e-3 * arm.length)
-    # Unloading does not lead back on the way of loading.
-    assert np.linalg.norm(found - solver.solve(0.6 * PULL).tip) > 0.01 * arm.length
+            factor = min(number / 40.0, 1.0)
+            state = dynamics.step(state, Inputs(begin + factor * (level * PULL - begin)), 0.15)
+        last = solver.follow(level * PULL, last)
+        tip = dynamics.backbone(state).tip
+        np.testing.assert_allclose(tip, last.tip, atol=5e-3 * arm.length)
+    # Unloading follows another path than loading.
+    assert np.linalg.norm(tip - solver.solve(0.6 * PULL).tip) > 0.01 * arm.length
 
 
 # States ------------------------------------------------------------------------------------------
@@ -298,25 +299,23 @@ def _bytes(state: MotionState) -> bytes:
 
 
 @pytest.mark.parametrize('friction', [0.0, 0.2])
-def test_a_state_goes_on_to_the_bit_from_a_file_and_in_other_threads_or_processes(
-    friction, tmp_path
-):
+def test_copies_and_saved_states_continue_bit_by_bit(friction, tmp_path):
     dynamics, state = _moving(friction)
     dynamics.save(state, tmp_path / 'state.npz')
-    other, again = _moving(friction)
-    assert _bytes(again) == _bytes(state)
-    dynamics.step(state, Inputs(PULL), 5e-3)  # which leaves nothing behind
+    other, same = _moving(friction)
+    assert _bytes(same) == _bytes(state)
+    dynamics.step(state, Inputs(PULL), 5e-3)  # must not change anything in dynamics
     copies = copy.copy(dynamics), pickle.loads(pickle.dumps(dynamics))
-    for one in copies:
-        assert one.problem is not dynamics.problem and one.solver is not dynamics.solver
-    starts = [(one, state) for one in (dynamics, other, *copies)]
+    for each in copies:
+        assert each.problem is not dynamics.problem and each.solver is not dynamics.solver
+    starts = [(each, state) for each in (dynamics, other, *copies)]
     starts.append((dynamics, dynamics.load(tmp_path / 'state.npz')))
-    ends = {_bytes(swing(one, first, Inputs(0.2 * PULL), 0.02)) for one, first in starts}
+    ends = {_bytes(swing(each, first, Inputs(0.2 * PULL), 0.02)) for each, first in starts}
     assert len(ends) == 1
     assert not state.place.flags.writeable
 
 
-def test_a_state_of_another_arm_is_refused():
+def test_state_of_another_arm_is_refused():
     _, state = _moving()
     other = Dynamics(Solver(ROD, 'exact', stations=11))
     for use in (
@@ -333,8 +332,8 @@ def test_a_state_of_another_arm_is_refused():
 
 
 @pytest.mark.parametrize('friction', [0.0, 0.3])
-def test_an_arm_far_from_the_origin_moves_as_there(friction):
-    # 2 km off: rounded places must not count as accelerations.
+def test_motion_is_independent_of_the_position_of_the_base(friction):
+    # At 2 km, rounding of positions must not act as acceleration.
     ends = []
     for at in (np.zeros(3), np.array([1e3, -2e3, 500.0])):
         floor = Plane(
@@ -354,18 +353,18 @@ def test_an_arm_far_from_the_origin_moves_as_there(friction):
         np.testing.assert_allclose(found, expected, atol=1e-8)
 
 
-def test_loops_and_arrays_move_alike():
+def test_loops_and_arrays_give_the_same_motion():
     pytest.importorskip('numba')
     ends = [_moving(compiled=compiled)[1] for compiled in (True, False)]
     np.testing.assert_allclose(ends[0].place[0], ends[1].place[0], atol=1e-10)
     np.testing.assert_allclose(ends[0].place[1], ends[1].place[1], atol=1e-7)
 
 
-# A damaged file is closed as well.
+# A damaged file must be closed too.
 @pytest.mark.filterwarnings(
     'error::ResourceWarning', 'error::pytest.PytestUnraisableExceptionWarning'
 )
-def test_files_that_are_no_states_are_refused(tmp_path):
+def test_invalid_files_of_states_are_refused(tmp_path):
     dynamics, state = _moving()
     path = tmp_path / 'state.npz'
     for damaged in (b'none', b'PK\3\4 and no archive'):
@@ -383,20 +382,20 @@ def test_files_that_are_no_states_are_refused(tmp_path):
 # Steps -------------------------------------------------------------------------------------------
 
 
-def test_a_step_that_is_too_long_is_made_in_parts():
+def test_long_step_is_divided():
     dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5), MotionProperties(300.0))
     first = dynamics.at_rest(Inputs(SLACK))
-    one = dynamics.step(first, Inputs(5.0 * PULL), 0.2)
-    assert one.time == pytest.approx(0.2, abs=1e-12)
-    parts = first
-    for part in range(1, 101):
-        parts = dynamics.step(parts, Inputs(0.05 * part * PULL), 2e-3)
-    tips = [dynamics.backbone(state).tip for state in (first, one, parts)]
+    in_one_step = dynamics.step(first, Inputs(5.0 * PULL), 0.2)
+    assert in_one_step.time == pytest.approx(0.2, abs=1e-12)
+    in_short_steps = first
+    for k in range(1, 101):
+        in_short_steps = dynamics.step(in_short_steps, Inputs(0.05 * k * PULL), 2e-3)
+    tips = [dynamics.backbone(state).tip for state in (first, in_one_step, in_short_steps)]
     assert np.linalg.norm(tips[1] - tips[0]) > 0.2 * TABLE4.length
     assert np.linalg.norm(tips[1] - tips[2]) < 0.04 * TABLE4.length
 
 
-def test_inputs_change_linearly_and_steps_are_short_where_the_arm_whips():
+def test_inputs_change_linearly_and_steps_adapt_to_fast_motion():
     solver = Solver(TABLE4, 'exact', stations=5, loads=Loads(fluid_density=1022.0))
     dynamics = Dynamics(solver, WATER)
     first = dynamics.at_rest(Inputs(SLACK))
@@ -427,11 +426,11 @@ def test_inputs_change_linearly_and_steps_are_short_where_the_arm_whips():
     assert errors[0] < 0.6 * errors[1] < 1e-3
 
 
-def test_an_arm_that_is_crushed_ends_the_motion_with_a_sentence():
+def test_crushed_arm_raises_an_error():
     dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5), MotionProperties(300.0))
     first = dynamics.at_rest(Inputs(SLACK))
-    said = r'the motion ends at .* s, no step of .* s succeeds: [^;]*$'
-    with pytest.raises(SolveError, match=said):
+    message = r'the motion ends at .* s, no step of .* s succeeds: [^;]*$'
+    with pytest.raises(SolveError, match=message):
         swing(dynamics, first, Inputs(np.full((3, 4), 1e4)), 0.01, 2e-3)
     assert dynamics.step(first, Inputs(PULL), 2e-3).time == pytest.approx(2e-3)
     undamped = Dynamics(dynamics.solver)
@@ -440,8 +439,8 @@ def test_an_arm_that_is_crushed_ends_the_motion_with_a_sentence():
 
 
 @pytest.mark.endurance
-def test_random_commands_move_an_arm_without_a_step_that_fails():
-    # Ten minutes of new tensions twice a second, as large as the arm bears.
+def test_random_commands_never_fail():
+    # Ten minutes with new tensions twice a second, up to the highest of the arm.
     highest, generator = default_highest(TABLE4), np.random.default_rng(0)
     loads = Loads(gravity=GRAVITY, fluid_density=1022.0)
     dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5, loads=loads), WATER)
@@ -470,13 +469,13 @@ def test_random_commands_move_an_arm_without_a_step_that_fails():
         (Inputs(PULL, current=(math.inf, 0.0, 0.0)), 1e-3, ArmDefinitionError, 'current'),
     ],
 )
-def test_bad_inputs_are_refused(inputs, dt, error, message):
+def test_invalid_inputs_are_refused(inputs, dt, error, message):
     dynamics, state = _moving()
     with pytest.raises(error, match=message):
         dynamics.step(state, inputs, dt)
 
 
-def test_what_cannot_move_is_refused():
+def test_invalid_dynamics_are_refused():
     arm = load_config('renda2012_table4').arm
     with pytest.raises(ConfigError, match='choose exact'):
         Dynamics(Solver(TABLE4, 'closed_form'))

@@ -1,4 +1,4 @@
-"""The node functions: both forms compute the same."""
+"""Both forms of the node functions give the same results."""
 
 import dataclasses
 import os
@@ -20,17 +20,17 @@ from octo_arm_model.rod.tables import force_scale, work_arrays
 CONDITION = Condition(TENSIONS, WRENCH)
 
 
-def evaluated(problem: Problem, z: FloatArray, form: Form) -> dict[str, FloatArray]:
-    """What all node functions of a ``form`` make of ``z``."""
+def evaluate(problem: Problem, z: FloatArray, form: Form) -> dict[str, FloatArray]:
+    """Return the results of all node functions of a ``form`` at ``z``."""
     at_nodes, work = problem.at_nodes(CONDITION), work_arrays(problem.tables, problem.strains)
     work.scale[:] = force_scale(problem.tables, CONDITION.tensions)
-    given = problem.tables, z, at_nodes.tensions
+    arguments = problem.tables, z, at_nodes.tensions
     balanced = z.copy()
     form.balance(problem.tables, balanced, at_nodes.tensions, 0.01 * z, 1e300, work)
     form.orientations(problem.tables, z, work)
     form.wrenches(problem.tables, at_nodes.force, at_nodes.couple, work)
-    form.add_gradients(*given, work)
-    form.jacobian(*given, at_nodes.force, work)
+    form.add_gradients(*arguments, work)
+    form.jacobian(*arguments, at_nodes.force, work)
     return work._asdict() | {'balanced': balanced}
 
 
@@ -40,10 +40,10 @@ def test_both_forms_compute_the_same(name, level):
     pytest.importorskip('numba')
     problem = rod_of(name).problem(level)
     z = twists_at(problem.elements.s, problem.strains)
-    first, second = (evaluated(problem, z, form) for form in forms())
-    for name, one in first.items():
-        scale = np.abs(one).max(initial=1e-300)
-        assert_allclose(second[name], one, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+    first, second = (evaluate(problem, z, form) for form in forms())
+    for name, expected in first.items():
+        scale = np.abs(expected).max(initial=1e-300)
+        assert_allclose(second[name], expected, rtol=0.0, atol=1e-12 * scale, err_msg=name)
 
 
 @pytest.mark.parametrize(
@@ -67,17 +67,15 @@ def test_both_forms_find_the_same_shape(table4, model, given):
         solver = Solver(arm, model, 31, loads=loads, compiled=compiled)
         shapes.append(solver.solve(tensions))
     for name in ('position', 'quaternion', 'k', 'q', 'tendon_tensions'):
-        one, other = (getattr(shape, name) for shape in shapes)
-        scale = max(1.0, np.abs(one).max())
-        assert_allclose(other, one, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+        first, second = (getattr(shape, name) for shape in shapes)
+        scale = max(1.0, np.abs(first).max())
+        assert_allclose(second, first, rtol=0.0, atol=1e-12 * scale, err_msg=name)
 
 
 @pytest.mark.parametrize(
     ('variable', 'inside'), [('NUMBA_CACHE_DIR', ''), ('XDG_CACHE_HOME', 'numba')]
 )
-def test_machine_code_that_is_older_than_what_it_was_made_of_is_forgotten(
-    tmp_path, variable, inside
-):
+def test_machine_code_older_than_its_sources_is_deleted(tmp_path, variable, inside):
     pytest.importorskip('numba')
     folder = tmp_path / inside / 'rod_of_this_place'
     folder.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""Loads that change with the shape, and derivatives by the magnitudes of dead ones."""
+"""Loads that follow the shape, and derivatives by the magnitudes of dead loads."""
 
 import dataclasses
 
@@ -32,49 +32,49 @@ WEIGHT = Loads(gravity=(0.0, 0.0, -9.81), fluid_density=1000.0)
 
 @dataclasses.dataclass
 class FollowingForce(FollowingWrench):
-    """One that perhaps does not say how it changes."""
+    """A following force with or without a tangent stiffness."""
 
     has_tangent: bool = True
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...] | None:  # type: ignore[override]
-        """None where it is to be found without."""
+        """Return None without a tangent stiffness."""
         return super().tangents(rod) if self.has_tangent else None
 
 
 class Heavy:
-    """Weight of 1 N/m, as a load of another kind that is dead all the same."""
+    """A dead weight of 1 N/m, as a user's own load."""
 
     breaks = knots = ()
 
     def resultants(self, rod: DeformedRod) -> Resultants:
-        """What is beyond each point."""
+        """Return the weight beyond each point."""
         weight = np.zeros((3, rod.s.size))
         weight[2] = -1.0
         return Resultants(rod.integrate_from_tip(weight), np.zeros_like(weight))
 
     def tangents(self, rod: DeformedRod) -> tuple[Tangent, ...]:
-        """None, as it is fixed in base_frame."""
+        """Return no tangents, because the load is dead."""
         return ()
 
 
 @pytest.mark.parametrize('part', [1.0, 0.5])
 @pytest.mark.parametrize('has_tangent', [True, False])
-def test_at_balance_it_is_the_dead_force_of_that_direction(table4, part, has_tangent):
-    # Without its tangent a force is found by plain iteration, which converges for small ones.
+def test_following_force_equals_a_dead_force_of_its_final_direction(table4, part, has_tangent):
+    # Without a tangent the solver iterates, which converges for small forces only.
     size, arm = 1.0 if has_tangent else 0.3, table4.arm.with_density(1080.0)
     force = (0.001 * size, 0.004 * size, -0.003 * size)
     load = FollowingForce(part * arm.length, force, has_tangent=has_tangent)
     solver = Solver(arm, 'exact', loads=dataclasses.replace(WEIGHT, others=(load,)))
-    found = solver.solve(PULL)
-    assert found.residual < 1e-11
-    assert np.linalg.norm(found.tip - solver.solve(0.0 * PULL).tip) > 0.1 * arm.length
+    shape = solver.solve(PULL)
+    assert shape.residual < 1e-11
+    assert np.linalg.norm(shape.tip - solver.solve(0.0 * PULL).tip) > 0.1 * arm.length
     if part == 1.0:
-        turned = Rotation.from_quat(found.quaternion[-1]).apply(load.force)
-        dead = Solver(arm, 'exact', loads=WEIGHT).solve(PULL, [*turned, 0.0, 0.0, 0.0])
-        assert_allclose(found.tip, dead.tip, rtol=0.0, atol=1e-8 * arm.length)
+        force_at_tip = Rotation.from_quat(shape.quaternion[-1]).apply(load.force)
+        dead = Solver(arm, 'exact', loads=WEIGHT).solve(PULL, [*force_at_tip, 0.0, 0.0, 0.0])
+        assert_allclose(shape.tip, dead.tip, rtol=0.0, atol=1e-8 * arm.length)
 
 
-def test_a_dead_load_of_a_users_own_is_that_load(table4):
+def test_users_own_weight_equals_gravity(table4):
     uniform = dataclasses.replace(table4.arm.with_density(1080.0), body=Body(0.45, 0.01, 0.01))
     weight = Loads(gravity=(0.0, 0.0, -1.0 / (1080.0 * np.pi * 0.01**2)))
     base = Pose(quaternion=(0.0, 0.6, 0.0, 0.8))
@@ -85,32 +85,32 @@ def test_a_dead_load_of_a_users_own_is_that_load(table4):
     assert_allclose(tips[1], tips[0], rtol=0.0, atol=1e-11)
 
 
-def test_without_a_tangent_there_are_shapes_but_no_derivatives(table4):
+def test_derivatives_of_loads_without_a_tangent_are_refused(table4):
     load = FollowingForce(0.45, (0.0, 0.002, 0.0), has_tangent=False)
     solver = Solver(
         table4.arm.with_density(1080.0), 'exact', loads=dataclasses.replace(WEIGHT, others=(load,))
     )
-    found = solver.solve(PULL)
+    shape = solver.solve(PULL)
     with pytest.raises(LoadError, match='FollowingForce states no tangent stiffness, which sens'):
-        solver.sensitivity(found)
+        solver.sensitivity(shape)
 
 
-def test_they_are_bounded_like_all_loads(table4):
+def test_users_own_loads_are_bounded(table4):
     others = (FollowingForce(0.3, (0.0, 1e9, 0.0)),)
     with pytest.raises(ArmDefinitionError, match='force of all loads along the arm is'):
         Solver(table4.arm.with_density(1080.0), 'exact', loads=Loads(others=others))
 
 
 @pytest.mark.parametrize('s', [0.2, 0.4])
-def test_derivatives_are_those_of_loads_that_follow(s):
+def test_derivatives_with_following_loads_equal_finite_differences(s):
     loads = dataclasses.replace(EVERYTHING, others=(FollowingForce(s, (0.0, 0.03, 0.02)),))
     solver, tensions = Solver(HELICAL, 'exact', 41, loads=loads), 0.5 * HELICAL_PULL
-    found = solver.solve(tensions, WRENCH)
-    change = solver.sensitivity(found).by_tension
+    shape = solver.solve(tensions, WRENCH)
+    change = solver.sensitivity(shape).by_tension
 
     def outcome(step):
-        moved = solver.solve(tensions + step.reshape(2, 3), WRENCH, found)
-        return np.concatenate([moved.position[10::10].ravel(), moved.k[10::10]])
+        varied = solver.solve(tensions + step.reshape(2, 3), WRENCH, shape)
+        return np.concatenate([varied.position[10::10].ravel(), varied.k[10::10]])
 
     direction = 0.02 * tensions.ravel()
     expected = along(outcome, np.zeros(6), direction)
@@ -126,7 +126,7 @@ def test_derivatives_are_those_of_loads_that_follow(s):
 CONE = Arm(Material(1.1e5, 0.4, 1080.0), Body(0.4, 0.015, 0.006), (Section(0.4, 0.008, 0.004),))
 GIVEN = [[0.4, 0.6, 0.1, 0.2]]
 ACTING = Loads(gravity=(0.0, 2.0, -3.0), points=(PointLoad(0.15, (0.0, 0.01, 0.01)),))
-# Each of a magnitude that bends the arm visibly.
+# Loads that bend the arm visibly.
 EACH = (
     Loads(points=(PointLoad(0.15, (0.01, 0.02, 0.0), (0.0, 1e-3, 0.0)),)),
     Loads(gravity=(0.0, 1.0, 1.0), fluid_density=400.0),
@@ -136,14 +136,14 @@ EACH = (
 
 def with_magnitudes(magnitudes: np.ndarray) -> Loads:
     point, weight, distributed = magnitudes
-    more = EACH[0].points[0]
+    load = EACH[0].points[0]
     points = PointLoad(
-        more.s, tuple(point * np.array(more.force)), tuple(point * np.array(more.moment))
+        load.s, tuple(point * np.array(load.force)), tuple(point * np.array(load.moment))
     )
     spread = EACH[2].distributed[0]
-    # Weight in a fluid of 400 kg/m^3 is that of a density less by this.
-    part = weight * (1080.0 - 400.0) / 1080.0
-    gravity = np.array(ACTING.gravity) + part * np.array(EACH[1].gravity)
+    # Buoyancy in a fluid of 400 kg/m^3 reduces the weight.
+    factor = weight * (1080.0 - 400.0) / 1080.0
+    gravity = np.array(ACTING.gravity) + factor * np.array(EACH[1].gravity)
     return Loads(
         gravity=tuple(gravity),
         points=(*ACTING.points, points),
@@ -156,33 +156,33 @@ def with_magnitudes(magnitudes: np.ndarray) -> Loads:
 
 
 @pytest.mark.parametrize(('law', 'shear'), [('neo_hookean', False), ('linear', True)])
-def test_by_differences(law, shear):
+def test_derivatives_by_load_magnitudes_equal_finite_differences(law, shear):
     def solver(magnitudes):
         return Solver(
             CONE, 'exact', 41, material=law, shear=shear, loads=with_magnitudes(magnitudes)
         )
 
     def outcome(magnitudes):
-        own = solver(magnitudes)
-        shape = own.solve(GIVEN)
+        solver_ = solver(magnitudes)
+        shape = solver_.solve(GIVEN)
         strain = np.stack([shape.tau, shape.xi, shape.k, shape.q], axis=1)
-        lengths = own.tendon_lengths(shape)
+        lengths = solver_.tendon_lengths(shape)
         return np.concatenate([shape.position.ravel(), strain.ravel(), lengths.ravel()])
 
-    own = solver(np.zeros(3))
-    change = own.sensitivity_to_loads(own.solve(GIVEN), EACH)
-    found = np.concatenate(
+    solver_ = solver(np.zeros(3))
+    change = solver_.sensitivity_to_loads(solver_.solve(GIVEN), EACH)
+    analytic = np.concatenate(
         [change.pose[:, :3].reshape(-1, 3), change.strain.reshape(-1, 3), change.tendon_length]
     )
     expected = jacobian(outcome, np.zeros(3), 0.05)
     positions = 3 * 41
-    parts = slice(0, positions), slice(positions, 7 * 41), slice(7 * 41, None)
-    for part, rough in zip(parts, (2e-5, 1e-4, 2e-5), strict=True):
-        atol = rough * np.abs(expected[part]).max()
-        assert_allclose(found[part], expected[part], atol=atol, rtol=0)
+    row_ranges = slice(0, positions), slice(positions, 7 * 41), slice(7 * 41, None)
+    for rows, tolerance in zip(row_ranges, (2e-5, 1e-4, 2e-5), strict=True):
+        atol = tolerance * np.abs(expected[rows]).max()
+        assert_allclose(analytic[rows], expected[rows], atol=atol, rtol=0)
 
 
-def test_what_has_no_such_derivative_is_refused():
+def test_derivatives_by_invalid_loads_are_refused():
     papers = Solver(CONE, 'closed_form', 41)
     with pytest.raises(ConfigError, match='choose exact'):
         papers.sensitivity_to_loads(papers.solve(GIVEN), EACH)

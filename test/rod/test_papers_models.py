@@ -1,4 +1,4 @@
-"""The paper's models: its statements by other means, properties, and derivatives."""
+"""The paper's models: an independent solution, properties and derivatives."""
 
 import numpy as np
 import pytest
@@ -29,21 +29,19 @@ ONE = (1.0, 0.0, 0.0, 0.0)
 
 
 def paper_sized(arm: Arm, seed: int) -> np.ndarray:
-    """Tensions of the paper's size: seed 0 one tendon to a section, else any share of them."""
+    """Return tensions of the paper's size; seed 0 has one tendon per section under tension."""
     random = np.random.default_rng(seed)
     largest = np.array(PAPER_SIZE[arm.length])[:, np.newaxis]
     if seed == 0:
         return largest * random.permuted([ONE] * len(largest), axis=1)
-    shares = random.uniform(size=(len(largest), 4)) * random.integers(0, 2, (len(largest), 4))
-    return largest * shares / np.maximum(1.0, shares.sum(axis=1, keepdims=True))
+    fractions = random.uniform(size=(len(largest), 4)) * random.integers(0, 2, (len(largest), 4))
+    return largest * fractions / np.maximum(1.0, fractions.sum(axis=1, keepdims=True))
 
 
 @pytest.mark.parametrize(
     'seed', [1, *(pytest.param(seed, marks=pytest.mark.endurance) for seed in (0, 2, 3, 4, 5))]
 )
-def test_shape_and_strains_are_those_of_an_ode_solver_at_tight_tolerance(
-    preset, papers_model, seed
-):
+def test_shape_and_strains_equal_those_of_an_ode_solver(preset, papers_model, seed):
     tensions = paper_sized(preset.arm, seed)
     backbone = preset.solver(papers_model).solve(tensions)
     expected = reference.solve(preset.arm, tensions, papers_model, backbone.s, preset.base)
@@ -59,7 +57,7 @@ def test_shape_and_strains_are_those_of_an_ode_solver_at_tight_tolerance(
 
 @settings(max_examples=25)
 @given(arms(), st.data())
-def test_it_equals_the_closed_form_when_one_section_is_loaded(arm, data):
+def test_renda2012_equals_closed_form_with_one_loaded_section(arm, data):
     loaded = data.draw(st.integers(0, len(arm.sections) - 1))
     tensions = np.zeros(arm.tension_shape)
     tensions[loaded] = data.draw(tensions_for(arm))[loaded]
@@ -68,7 +66,7 @@ def test_it_equals_the_closed_form_when_one_section_is_loaded(arm, data):
     )
     for name in ('xi', 'k', 'q'):
         expected = getattr(closed, name)
-        # Opposite pulls cancel to rounding.
+        # Opposite tensions cancel except for rounding.
         atol = 1e-9 * np.abs(expected).max() + 1e-11 / arm.length
         assert_allclose(getattr(published, name), expected, rtol=1e-9, atol=atol)
     largest = np.abs([closed.xi, closed.k]).max()
@@ -76,7 +74,7 @@ def test_it_equals_the_closed_form_when_one_section_is_loaded(arm, data):
     assert_allclose(published.position, closed.position, atol=1e-9 * arm.length)
 
 
-def test_several_loaded_sections_are_where_the_two_readings_differ(table4):
+def test_renda2012_differs_from_closed_form_with_several_loaded_sections(table4):
     published, closed = (
         table4.solver(name).solve(FETCHING_IN_SPACE) for name in ('renda2012', 'closed_form')
     )
@@ -85,7 +83,7 @@ def test_several_loaded_sections_are_where_the_two_readings_differ(table4):
     assert np.abs(published.tip - closed.tip).max() > 1e-3 * table4.arm.length
 
 
-def test_no_convergence_is_an_error_that_says_how_far_it_got(table4, monkeypatch):
+def test_error_without_convergence_has_iterations_and_residual(table4, monkeypatch):
     monkeypatch.setattr(arrays, 'MOST_PAPER_SWEEPS', 2)
     with pytest.raises(ConvergenceError, match=r'equation \(10\) in section 3 did not conv') as e:
         table4.solver('renda2012', compiled=False).solve(10.0 * np.array(FETCHING_IN_SPACE))
@@ -93,8 +91,8 @@ def test_no_convergence_is_an_error_that_says_how_far_it_got(table4, monkeypatch
     assert e.value.residual > papers.TOLERANCE
 
 
-def test_elements_are_cut_where_sweeps_over_the_whole_diverge(table4):
-    # No tendon beyond its tension in Table 5; (10) has a plain solution, q > -0.47.
+def test_elements_are_divided_where_sweeps_diverge(table4):
+    # Tensions within Table 5, for which (10) has a solution with q > -0.47.
     tensions = np.array([[0, 0, 0.5, 0], [0, 4, 4, 0], [0, 0, 0, 0.0]])
     backbone = table4.solver('renda2012').solve(tensions)
     expected = reference.solve(table4.arm, tensions, 'renda2012', backbone.s, table4.base)
@@ -108,7 +106,7 @@ LOADED = loaded_arms()
 
 
 def solve_or_reject(solver: Solver, tensions: np.ndarray) -> Backbone:
-    """Solve, or reject the example where the model has no solution."""
+    """Solve, or reject the example if the model has no solution."""
     try:
         return solver.solve(tensions)
     except SolveError:
@@ -117,7 +115,7 @@ def solve_or_reject(solver: Solver, tensions: np.ndarray) -> Backbone:
 
 @settings(max_examples=30)
 @given(LOADED, MODEL)
-def test_few_stations_put_the_tip_where_many_do(case, model):
+def test_tip_does_not_depend_on_the_number_of_stations(case, model):
     arm, tensions = case
     few = solve_or_reject(Solver(arm, model, len(arm.sections) + 2), tensions)
     fine = Solver(arm, model, accuracy=1e-12).solve(tensions)
@@ -145,7 +143,7 @@ def test_any_tensions_give_a_finite_shape_or_an_error(arm, model, exponent, seed
 def test_mirrored_tensions_mirror_the_shape(case, model):
     arm, tensions = case
     backbone = solve_or_reject(Solver(arm, model), tensions)
-    # Tendons 2 and 4 swapped: b turns round, and torsion with it.
+    # Swapping tendons 2 and 4 reverses b and the torsion.
     mirror = Solver(arm, model).solve(tensions[:, [0, 3, 2, 1]])
     assert_allclose(mirror.position, backbone.position * [1.0, 1.0, -1.0], atol=1e-7 * arm.length)
     assert_allclose(mirror.tau, -backbone.tau, atol=1e-6 / arm.length)
@@ -157,13 +155,13 @@ def test_mirrored_tensions_mirror_the_shape(case, model):
 TENSIONS = np.array(FETCHING_IN_SPACE) + [[0.05], [0.3], [1.0]]
 
 
-def test_derivatives_by_tensions_are_those_of_differences(table4, papers_model):
+def test_derivatives_by_tensions_equal_finite_differences(table4, papers_model):
     solver = Solver(table4.arm, papers_model)
     change = solver.sensitivity(solver.solve(TENSIONS)).by_tension
-    got = np.concatenate(
+    analytic = np.concatenate(
         [change.tip[:3], *change.strain[::10].transpose(1, 0, 2), change.tendon_length]
     )
-    # The strains depend on tensions over E alone.
+    # The strains depend only on tensions over E.
     by_young = solver.sensitivity(solver.solve(TENSIONS)).by_youngs_modulus.tip
     assert_allclose(by_young[:, 0], -change.tip @ TENSIONS.ravel(), rtol=1e-9, atol=1e-12)
 
@@ -173,19 +171,19 @@ def test_derivatives_by_tensions_are_those_of_differences(table4, papers_model):
         return np.concatenate([shape.tip, *strains, solver.tendon_lengths(shape).ravel()])
 
     expected = jacobian(outcome, TENSIONS.ravel(), step=2e-3)
-    assert_allclose(got, expected, rtol=2e-5, atol=2e-6 * np.abs(expected).max())
+    assert_allclose(analytic, expected, rtol=2e-5, atol=2e-6 * np.abs(expected).max())
 
 
-def test_covariance_is_that_of_drawn_tensions(table4, papers_model):
+def test_tip_covariance_equals_that_of_random_tensions(table4, papers_model):
     solver = Solver(table4.arm, papers_model, 31)
     deviation = 0.002
-    drawn = TENSIONS + deviation * np.random.default_rng(1).normal(size=(4000, 3, 4))
-    tips = solver.solve(drawn).tip
-    ours = solver.tip_covariance(solver.solve(TENSIONS), Uncertainty(deviation))[:3, :3]
-    assert_allclose(ours, np.cov(tips.T), atol=0.1 * np.abs(ours).max())
+    samples = TENSIONS + deviation * np.random.default_rng(1).normal(size=(4000, 3, 4))
+    tips = solver.solve(samples).tip
+    covariance = solver.tip_covariance(solver.solve(TENSIONS), Uncertainty(deviation))[:3, :3]
+    assert_allclose(covariance, np.cov(tips.T), atol=0.1 * np.abs(covariance).max())
 
 
-def test_what_the_paper_has_no_derivative_by_is_refused(table4, papers_model):
+def test_derivatives_beyond_the_papers_models_are_refused(table4, papers_model):
     solver = Solver(table4.arm, papers_model, 31)
     backbone = solver.solve(TENSIONS)
     with pytest.raises(ConfigError, match="no derivative by the tendons' offsets: choose exact"):
@@ -198,25 +196,25 @@ def test_what_the_paper_has_no_derivative_by_is_refused(table4, papers_model):
         solver.sensitivity(Solver(table4.arm, papers_model, 61).solve(TENSIONS))
 
 
-def test_the_inverse_problem_is_solved_by_the_papers_models_too(table4, papers_model):
+def test_find_tensions_works_with_the_papers_models(table4, papers_model):
     solver = Solver(table4.arm, papers_model, 31)
-    wanted = solver.solve(0.5 * TENSIONS).tip
-    found = find_tensions(solver, TipPosition(wanted), [[0.5], [4.0], [13.0]])
+    target = solver.solve(0.5 * TENSIONS).tip
+    found = find_tensions(solver, TipPosition(target), [[0.5], [4.0], [13.0]])
     assert found.reached
-    assert_allclose(solver.solve(found.backbone.tensions).tip, wanted, atol=1e-6)
+    assert_allclose(solver.solve(found.backbone.tensions).tip, target, atol=1e-6)
 
 
-def test_the_error_of_the_model_is_added_to_the_covariance(table4, papers_model):
+def test_model_error_is_added_to_the_covariance(table4, papers_model):
     solver = Solver(table4.arm, papers_model, 31)
     backbone = solver.solve(TENSIONS)
     without = solver.tip_covariance(backbone, Uncertainty(0.01))
-    known = Config.from_parameters(
+    uncertainty = Config.from_parameters(
         {
             **load_parameters('renda2012_table4'),
             'tension_stddev': 0.01,
             'model_error_stddev': 0.014,
         }
     ).uncertainty
-    added = solver.tip_covariance(backbone, known) - without
+    added = solver.tip_covariance(backbone, uncertainty) - without
     position, rotation = (0.014 * table4.arm.length) ** 2, (2.0 * 0.014) ** 2
     assert_allclose(added, np.diag(3 * [position] + 3 * [rotation]), atol=1e-12)

@@ -1,4 +1,4 @@
-"""Physics of every model, and the contract of `Solver`."""
+"""Physics of every model, and the behaviour of `Solver`."""
 
 import copy
 import dataclasses
@@ -39,9 +39,9 @@ from octo_arm_model.analysis.workspace import sample_workspace
 from octo_arm_model.arm.limits import MAX_STATIONS
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
 
-# Different in every tendon; no two sections bend in one plane.
+# Different tensions, so that all sections bend in different planes.
 MIXED = np.array([[0.1, 0.3, 0.0, 0.05], [1.0, 0.2, 0.0, 2.0], [0.0, 5.0, 1.0, 2.0]])
-# Where tendons 1 to 4 lie, in the axes of a base that is the frame itself: x = t, y = n, z = b.
+# Directions of tendons 1 to 4 in the axes x = t, y = n, z = b.
 SIDES = np.array([[0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, -1]], dtype=float)
 SHORT = Arm(
     Material(1.1e5),
@@ -55,7 +55,7 @@ SHORT = Arm(
 
 @pytest.mark.parametrize('tendon', range(4))
 @pytest.mark.parametrize('section', range(3))
-def test_one_tendon_bends_the_arm_in_its_plane_to_its_side(table2, model, section, tendon):
+def test_one_tendon_bends_the_arm_towards_its_side(table2, model, section, tendon):
     tensions = np.zeros((3, 4))
     tensions[section, tendon] = 0.5
     backbone = Solver(table2.arm, model).solve(tensions)
@@ -72,18 +72,18 @@ def test_four_equal_tendons_shorten_the_arm_and_keep_it_straight(preset, papers_
     backbone = Solver(preset.arm, papers_model).solve(tensions)
     assert_allclose(backbone.position[:, 1:], 0.0, atol=1e-12)
     assert 0.0 < backbone.tip[0] < preset.arm.length
-    # Each section alone: N = -4 T, so the arm shortens by the integral of 4 T / EA.
+    # Each section has N = -4 T, so that the arm shortens by the integral of 4 T / EA.
     body, young = preset.arm.body, preset.arm.material.youngs_modulus
-    shorter = sum(
+    shortening = sum(
         0.2
         * section.anchorage
         / (young * math.pi * body.radius_base * float(body.radius(section.anchorage)))
         for section in preset.arm.sections
     )
-    assert preset.arm.length - backbone.tip[0] == pytest.approx(shorter, rel=1e-6)
+    assert preset.arm.length - backbone.tip[0] == pytest.approx(shortening, rel=1e-6)
 
 
-def test_passing_the_tensions_on_to_the_next_tendon_turns_the_shape_by_90_degrees(table4, model):
+def test_tensions_of_the_next_tendons_rotate_the_shape_by_90_degrees(table4, model):
     solver = Solver(table4.arm, model)
     before, after = solver.solve(MIXED), solver.solve(np.roll(MIXED, 1, axis=1))
     x, y, z = before.position.T
@@ -93,13 +93,13 @@ def test_passing_the_tensions_on_to_the_next_tendon_turns_the_shape_by_90_degree
 
 
 @pytest.mark.parametrize('panel', BENDING)
-def test_the_bending_plane_obeys_the_papers_law(table2, model, panel):
+def test_bending_plane_equals_the_papers_law(table2, model, panel):
     t1, t2, t3, t4 = BENDING[panel][0]
     law = math.degrees(math.atan2(t3 - t1, t2 - t4))
     tip = table2.solver(model).solve(BENDING[panel]).tip
-    # The paper's base: n = (0, -1, 0) and b = (0, 0, -1), so -n is y and b is -z.
+    # The paper's base has n = (0, -1, 0) and b = (0, 0, -1).
     assert math.degrees(math.atan2(tip[1], -tip[2])) == pytest.approx(law, abs=0.3)
-    # To rounding where tendons are parallel and the path of a tendon is not approximated.
+    # Exact to rounding with parallel tendons, whose paths are not approximated.
     sections = tuple(
         Section(one.anchorage, one.offset_anchorage, one.offset_anchorage)
         for one in table2.arm.sections
@@ -110,7 +110,7 @@ def test_the_bending_plane_obeys_the_papers_law(table2, model, panel):
 
 
 @pytest.mark.parametrize(('c', 'young'), [(0.1, 1.1e5), (100.0, 1.1e5), (3.0, 3.3e5)])
-def test_a_larger_or_stiffer_arm_takes_the_same_shape_under_more_tension(table4, model, c, young):
+def test_shape_scales_with_size_stiffness_and_tension(table4, model, c, young):
     large = dataclasses.replace(scaled(table4.arm, c), material=Material(young))
     before = Solver(table4.arm, model).solve(MIXED)
     after = Solver(large, model).solve(c**2 * young / 1.1e5 * MIXED)
@@ -120,10 +120,10 @@ def test_a_larger_or_stiffer_arm_takes_the_same_shape_under_more_tension(table4,
         assert_allclose(getattr(after, name) * c, getattr(before, name), atol=1e-5)
 
 
-# The straight arm, and what lies beyond the last anchorage -------------------------------------
+# The straight arm, and the part beyond the last anchorage --------------------------------------
 
 
-def test_no_tension_leaves_the_arm_exactly_as_it_was(preset, model):
+def test_arm_without_tension_is_exactly_straight(preset, model):
     solver = Solver(preset.arm, model)
     backbone = solver.solve(np.zeros(preset.arm.tension_shape))
     for strain in (backbone.tau, backbone.xi, backbone.k, backbone.q):
@@ -133,7 +133,7 @@ def test_no_tension_leaves_the_arm_exactly_as_it_was(preset, model):
     assert_array_equal(backbone.quaternion, np.tile([0, 0, 0, 1.0], (101, 1)))
 
 
-def test_beyond_the_last_anchorage_the_arm_is_straight_and_unstrained(model):
+def test_arm_is_straight_beyond_the_last_anchorage(model):
     backbone = Solver(SHORT, model).solve([[0.3, 0.1, 0, 0], [0, 0, 2.0, 1.0]])
     beyond = backbone.section == 0
     assert_array_equal(beyond, backbone.s > 0.3)
@@ -148,21 +148,21 @@ def test_beyond_the_last_anchorage_the_arm_is_straight_and_unstrained(model):
 # Base, batches, stations -----------------------------------------------------------------------
 
 
-def test_the_base_pose_moves_the_shape_rigidly(table4, model):
-    turn = Rotation.from_euler('xyz', [0.3, -1.1, 2.0])
-    base = Pose((0.1, -0.2, 0.3), tuple(turn.as_quat()))
-    still, moved = Solver(table4.arm, model), Solver(table4.arm, model, base=base)
-    before, after = still.solve(MIXED), moved.solve(MIXED)
-    expected = before.position @ turn.as_matrix().T + base.position
+def test_base_pose_moves_the_shape_rigidly(table4, model):
+    rotation = Rotation.from_euler('xyz', [0.3, -1.1, 2.0])
+    base = Pose((0.1, -0.2, 0.3), tuple(rotation.as_quat()))
+    at_origin, at_base = Solver(table4.arm, model), Solver(table4.arm, model, base=base)
+    before, after = at_origin.solve(MIXED), at_base.solve(MIXED)
+    expected = before.position @ rotation.as_matrix().T + base.position
     assert_allclose(after.position, expected, atol=1e-12)
-    turned = turn * Rotation.from_quat(before.quaternion)
+    rotated = rotation * Rotation.from_quat(before.quaternion)
     assert_allclose(
-        Rotation.from_quat(after.quaternion).as_matrix(), turned.as_matrix(), atol=1e-12
+        Rotation.from_quat(after.quaternion).as_matrix(), rotated.as_matrix(), atol=1e-12
     )
     assert_allclose(after.k, before.k, atol=1e-12)
 
 
-def test_the_presets_start_like_section_6_of_the_paper(preset):
+def test_presets_have_the_base_of_section_6_of_the_paper(preset):
     backbone = preset.solver().solve(np.zeros(preset.arm.tension_shape))
     assert_array_equal(backbone.position[0], 0.0)
     t, n, b = Rotation.from_quat(backbone.quaternion[0]).as_matrix().T
@@ -170,7 +170,7 @@ def test_the_presets_start_like_section_6_of_the_paper(preset):
 
 
 @pytest.mark.parametrize('lead', [(1,), (2, 1, 2), (70,)])
-def test_a_batch_equals_its_sets_solved_one_by_one(table4, model, lead):
+def test_batch_equals_single_solves(table4, model, lead):
     solver = table4.solver(model)
     tensions = MIXED * np.random.default_rng(1).uniform(0.0, 1.0, (*lead, 3, 4))
     together = solver.solve(tensions)
@@ -185,9 +185,9 @@ def test_a_batch_equals_its_sets_solved_one_by_one(table4, model, lead):
         assert_allclose(together.k[index], alone.k, rtol=1e-6, atol=1e-5)
 
 
-# With the most stations a table of stations times intervals would not fit into memory.
+# With MAX_STATIONS, a table of stations times intervals would not fit into memory.
 @pytest.mark.parametrize('stations', [4, 5, 37, 101, 500, MAX_STATIONS])
-def test_the_tip_does_not_depend_on_the_number_of_stations(table4, model, stations):
+def test_tip_does_not_depend_on_the_number_of_stations(table4, model, stations):
     backbone = table4.solver(model, stations).solve(FETCHING_IN_SPACE)
     assert backbone.s.size == stations
     assert {0.0, 0.135, 0.315, 0.45} <= set(backbone.s.tolist())
@@ -195,7 +195,7 @@ def test_the_tip_does_not_depend_on_the_number_of_stations(table4, model, statio
     assert_allclose(backbone.tip, finest.tip, atol=1e-6 * table4.arm.length)
 
 
-def test_the_result_is_read_only(table4, model):
+def test_backbone_is_read_only(table4, model):
     backbone = table4.solver(model).solve(MIXED)
     for value in vars(backbone).values():
         if isinstance(value, np.ndarray):
@@ -205,25 +205,25 @@ def test_the_result_is_read_only(table4, model):
         backbone.s = 0  # type: ignore[misc]
 
 
-def test_solve_is_a_solver_in_one_call(table4, model):
+def test_function_solve_equals_the_solver(table4, model):
     backbone = solve(table4.arm, MIXED, model, 51, table4.base)
     assert backbone.model == model
     expected = table4.solver(model, 51).solve(MIXED)
     assert_allclose(backbone.position, expected.position, atol=1e-12)
 
 
-def test_a_copy_and_a_pickled_solver_solve_as_it_does_from_what_it_solved(table4, model):
+def test_copied_and_pickled_solvers_give_the_same_shape(table4, model):
     solver = table4.solver(model, 51)
     before = solver.solve(MIXED)
     expected = solver.solve(1.01 * MIXED, start=before)
-    for own in (copy.deepcopy(solver), pickle.loads(pickle.dumps(solver))):
-        assert own is not solver
+    for other in (copy.deepcopy(solver), pickle.loads(pickle.dumps(solver))):
+        assert other is not solver
         start = pickle.loads(pickle.dumps(before))
-        found = own.solve(1.01 * MIXED, start=start)
-        assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-12)
+        shape = other.solve(1.01 * MIXED, start=start)
+        assert_allclose(shape.position, expected.position, rtol=0.0, atol=1e-12)
 
 
-# What is refused -------------------------------------------------------------------------------
+# Errors ----------------------------------------------------------------------------------------
 
 
 SHAPES = r'expected \(\.\.\., 3, 4\): 3 section\(s\) from the tip, 4 tendons each$'
@@ -260,18 +260,18 @@ NO_ROWS = r'numbers in rows of equal length.*\(\.\.\., 3, 4\)'
         ),
     ],
 )
-def test_what_is_no_set_of_tensions_is_refused_by_name(table4, given, message):
+def test_invalid_tensions_are_refused(table4, given, message):
     with pytest.raises(TensionError, match=message):
         table4.solver('closed_form').solve(given)
 
 
-def test_a_batch_is_no_single_solution(table4):
+def test_sensitivity_of_a_batch_is_refused(table4):
     solver = table4.solver('exact')
     with pytest.raises(ConfigError, match='that of a batch, expected a single solution'):
         solver.sensitivity(solver.solve(np.zeros((2, 3, 4))))
 
 
-def test_an_arm_compressed_to_nothing_is_an_error_that_says_where(prototype, papers_model):
+def test_error_of_a_fully_compressed_arm_names_the_place(prototype, papers_model):
     # Four equal tensions: q = -4 T / EA, largest at the tip, where EA = 18.92 N.
     axial = 1.1e5 * math.pi * 0.0074**2
     with pytest.raises(SolveError, match=r'at s = 0.27 m \(q = -1.01, must be > -1\)$'):
@@ -279,14 +279,14 @@ def test_an_arm_compressed_to_nothing_is_an_error_that_says_where(prototype, pap
     assert prototype.solver(papers_model).solve(np.full((1, 4), 0.99 * axial / 4)).q.min() > -1.0
 
 
-def test_a_bad_set_in_a_batch_is_named(prototype, papers_model):
+def test_error_in_a_batch_names_the_set(prototype, papers_model):
     tensions = np.zeros((150, 1, 4))
     tensions[120] = 30.0
     with pytest.raises(SolveError, match=r'in set 120$'):
         prototype.solver(papers_model).solve(tensions)
 
 
-def test_an_unknown_model_and_too_many_stations_are_refused(table4):
+def test_unknown_model_and_too_many_stations_are_refused(table4):
     with pytest.raises(ConfigError, match='stations is 10001, expected at most 10000'):
         table4.solver('exact', MAX_STATIONS + 1)
     with pytest.raises(ConfigError, match="model is 'best', expected one of renda2012, closed_f"):
@@ -297,7 +297,7 @@ def test_an_unknown_model_and_too_many_stations_are_refused(table4):
 # Sizes and booleans ----------------------------------------------------------------------------
 
 
-def test_booleans_are_no_numbers(table4):
+def test_booleans_are_refused_as_numbers(table4):
     solver = table4.solver('exact', 11)
     tensions = np.zeros((3, 4))
     for wrench in ([True, 0, 0, 0, 0, 0], [0.0, 0, 0, 0, 0, np.True_], np.ones(6, bool)):
@@ -316,9 +316,9 @@ def test_booleans_are_no_numbers(table4):
             build()
 
 
-def test_arguments_of_another_class_are_refused_by_name_and_value(table4):
+def test_arguments_of_other_classes_are_refused(table4):
     arm, solver = table4.arm, table4.solver('exact', 11)
-    found = solver.solve(MIXED)
+    shape = solver.solve(MIXED)
     for build, message in (
         (lambda: Solver(table4), r'arm is Config\(.*, expected an instance of Arm'),
         (lambda: Solver(arm, ['exact']), r"model is \['exact'\], expected one of renda2012"),
@@ -346,32 +346,32 @@ def test_arguments_of_another_class_are_refused_by_name_and_value(table4):
         (lambda: solver.solve(None), 'tensions are None, expected numbers in rows'),
         (lambda: solver.solve(MIXED, start=5), 'backbone is 5, expected an instance of Backbone'),
         (
-            lambda: solver.follow(MIXED, found.tip),
+            lambda: solver.follow(MIXED, shape.tip),
             r'last is \[.*\], expected an instance of Backbo',
         ),
         (lambda: solver.sensitivity(None), 'backbone is None, expected an instance of Backbone'),
-        (lambda: solver.sensitivity(found).tip_covariance(0.1), 'uncertainty is 0.1, expected'),
+        (lambda: solver.sensitivity(shape).tip_covariance(0.1), 'uncertainty is 0.1, expected'),
         (
-            lambda: solver.tip_covariance(found, {}),
+            lambda: solver.tip_covariance(shape, {}),
             r'uncertainty is \{\}, expected an instance of',
         ),
         (
-            lambda: solver.sensitivity_to_loads(found, []),
+            lambda: solver.sensitivity_to_loads(shape, []),
             r'loads are \[\], expected a list of Loads',
         ),
         (
-            lambda: find_tensions(arm, TipPosition(found.tip), 1.0),
+            lambda: find_tensions(arm, TipPosition(shape.tip), 1.0),
             r'solver is Arm\(.*, expected an',
         ),
         (
-            lambda: find_tensions(solver, found.tip, 1.0),
+            lambda: find_tensions(solver, shape.tip, 1.0),
             r'target is \[.*\], expected an instance of',
         ),
         (
-            lambda: find_tensions(solver, TipPosition(found.tip), 1.0, stiffness=1),
+            lambda: find_tensions(solver, TipPosition(shape.tip), 1.0, stiffness=1),
             'stiffness is 1,',
         ),
-        (lambda: TipPose(found.tip, found.quaternion[-1], '0.1'), "per_radian is '0.1', expected"),
+        (lambda: TipPose(shape.tip, shape.quaternion[-1], '0.1'), "per_radian is '0.1', expected"),
         (
             lambda: sample_workspace('table4', 1.0),
             "config is 'table4', expected an instance of Con",
@@ -392,7 +392,7 @@ def test_arguments_of_another_class_are_refused_by_name_and_value(table4):
             build()
 
 
-def test_arrays_of_any_layout_give_the_same_shape(table4):
+def test_layout_and_type_of_arrays_do_not_matter(table4):
     solver, wide = table4.solver('exact', 11), np.repeat(MIXED, 2, axis=1)
     wide.setflags(write=False)
     for same in (

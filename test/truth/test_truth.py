@@ -1,13 +1,12 @@
-"""The solver against what is known: a spread of the cases always, all with time.
+"""Compare the solver with frozen reference values: a selection always, all as endurance tests.
 
-Every case of `truth.json.gz` is an arm as parameters, what is done to it step by step, and what
-comes out at given arc coordinates, each quantity with its error; or what is refused. They are
-frozen: the core of commit dfd4d63a, which others have replaced since, made them with ends of
-elements at L / 24 and L / 48 and 4 and 8 times as many stations: a value is that of the finest
-run, its error the distance of the two. Of several equilibria those were kept that are found alike
-from nothing, along loads that grow, and by both forms of the node functions. Four errors were
-raised by hand: of by_tension of random_13_metal/25, of strain and tension of random_17_thin/29
-and of tension of random_19_stout/31, which later cores give alike at accuracies of 1e-8 to 1e-12.
+Every case of `truth.json.gz` has the parameters of an arm, steps, and reference values at arc
+coordinates with their errors, or an expected exception. The values are from an earlier solver
+(commit dfd4d63a) with ends of elements at L / 24 and L / 48 and 4 and 8 times as many stations: a
+value is that of the finer run, its error the difference of both. Of several equilibria only those
+were kept that a cold start, growing loads and both forms of the node functions find. Four errors
+were raised by hand, because later solvers agree at accuracies of 1e-8 to 1e-12: of by_tension of
+random_13_metal/25, strain and tension of random_17_thin/29, and tension of random_19_stout/31.
 """
 
 import gzip
@@ -29,36 +28,36 @@ from octo_arm_model import (
     wound_sensitivity,
 )
 
-# Largest distance from the truth that counts as none: of places in parts of the length, of angles
-# [rad], of strains in parts of the largest and of 1 / length (curvatures) or 1, of tensions in
-# parts of the largest. Of derivatives and covariances in parts of the largest of their block.
+# Tolerances of positions over the length; of angles [rad]; of strains over the largest one and 1 /
+# length (curvatures) or 1; of tensions over the largest one; of derivatives and covariances over
+# the largest value of their block.
 SHAPE, STRAIN, TENSION, DERIVATIVE = 1e-6, 1e-5, 1e-6, 1e-4
-# Of a quantity that does not matter, as nu without torsion, derivatives are rounding: so much of
-# the length and of a radian per unit counts as zero.
+# Derivatives by inputs without effect, as nu without torsion, are rounding: below these fractions
+# of the length and of a radian per unit they count as zero.
 NOTHING = {'by_youngs_modulus': 1e-3, 'by_poisson_ratio': 1e-3, 'by_friction': 1e-3}
-# Rounding of the values in the file, in parts of the largest.
+# Rounding of the values in the file, over the largest one.
 ROUNDED = 1e-9
-# By default this derivative of an arm with friction is right to 1.4e-4 of the largest, with an
-# accuracy of 1e-10 to 1e-6: nodes are chosen for positions. The error of the other is stated to
-# two digits: 4.9e-5, where 4.925e-5 is found.
+# The first derivative, of an arm with friction, has an error of 1.4e-4, because nodes are chosen
+# for positions; at an accuracy of 1e-10 it is 1e-6. The file has the error of the second one to
+# two digits: 4.9e-5 instead of 4.925e-5.
 EXPLAINED = {('random_13_metal/21', 'by_tension'): 1.4, ('random_12_table/24', 'by_tension'): 1.01}
 
 
 @dataclass(frozen=True)
 class Case:
-    """An arm, what is done to it, and what is right.
+    """An arm, the steps of a test, and reference values.
 
     Attributes:
-        name: of the case.
-        kind: what it is about.
-        parameters: of the arm, by their dotted names.
-        steps: what is done, one after the other; see `solve`.
-        expected: right values of the last step.
-        s: arc coordinates of the values along the arm [m]; each is a station.
-        error: that these may have, largest over the values of a quantity.
-        today: how far the solver that made the file is from them, where that is too far.
-        refused: name of the exception, and a text in its message, where there is no answer.
-        fault: what that solver did wrong; empty where it did not.
+        name: name of the case.
+        kind: subject of the case.
+        parameters: parameters of the arm by their dotted names.
+        steps: steps of the test, see `solve`.
+        expected: reference values of the last step.
+        s: arc coordinates of the values along the arm, which are stations [m].
+        error: largest error of the reference values of each quantity.
+        today: error of the solver that made the file, where it exceeds the tolerance.
+        refused: name of the expected exception and a part of its message.
+        fault: fault of the solver that made the file, '' without one.
     """
 
     name: str
@@ -73,11 +72,11 @@ class Case:
     fault: str = ''
 
     def solve(self) -> dict[str, np.ndarray]:
-        """Values of the quantities in `expected` after the last step.
+        """Return the quantities in `expected` after the last step.
 
-        A step has 'tensions' and perhaps a 'tip_wrench', and is solved from the unloaded arm, or
-        follows the last one where 'follow' is true, or has it as a start where 'start' is true.
-        One with 'displacements' by tendon has 'tensions' by tendon, and starts from the last one.
+        A step has 'tensions' and optionally a 'tip_wrench'. It is solved from the unloaded arm,
+        follows the last step if 'follow' is true, or starts from it if 'start' is true. A step
+        with 'displacements' by tendon has 'tensions' by tendon, and starts from the last step.
         """
         config, last, tips = Config.from_parameters(self.parameters), None, []
         solver = config.solver()
@@ -122,7 +121,7 @@ class Case:
         return found
 
     def tolerance(self, quantity: str) -> np.ndarray:
-        """Distance of each value of a ``quantity`` from the one expected that counts as none."""
+        """Return the tolerance of each value of a ``quantity``."""
         expected, length = self.expected[quantity], float(self.parameters['body.length'])
         ones, size = np.ones(expected.shape), np.abs(expected)
         if quantity in ('position', 'tips', 'length', 'displacement'):
@@ -147,18 +146,18 @@ class Case:
 
 
 def read_cases() -> list[Case]:
-    """All cases."""
+    """Read all cases."""
     with gzip.open(Path(__file__).parent / 'truth.json.gz', 'rt', encoding='utf-8') as file:
         content = json.load(file)
-    found = []
+    cases = []
     for case in content['cases']:
         arm = content['arms'].get(case.pop('arm'), {}) | case.pop('changes')
-        # None takes a parameter out.
+        # None removes a parameter.
         case['parameters'] = {name: value for name, value in arm.items() if value is not None}
         expected = case.pop('expected', {}).items()
         case['expected'] = {name: np.array(values, dtype=float) for name, values in expected}
-        found.append(Case(**case))
-    return found
+        cases.append(Case(**case))
+    return cases
 
 
 CASES = read_cases()
@@ -167,33 +166,33 @@ FAULTS = [case for case in CASES if case.fault]
 
 
 def check(cases: list[Case]) -> None:
-    """Name the quantities that are further from the truth than is tolerated, and how far."""
+    """Fail with the names and errors of all quantities beyond their tolerances."""
     wrong = []
     for case in cases:
-        solved = case.solve()
+        results = case.solve()
         for quantity, expected in case.expected.items():
             allowed = np.maximum(case.tolerance(quantity), case.error.get(quantity, 0.0))
             allowed = allowed + ROUNDED * np.abs(expected).max(initial=0.0)
             allowed = np.maximum(allowed, 1.2 * case.today.get(quantity, 0.0))
             allowed = allowed * EXPLAINED.get((case.name, quantity), 1.0)
-            found = solved[quantity]
-            if quantity == 'quaternion':  # whose sign is free
-                found = found * np.sign((found * expected).sum(axis=-1, keepdims=True))
-            off = np.abs(found - expected)
-            if not (off <= allowed).all():
-                least = f'{off.max():.1e}, expected {allowed.min():.1e}'
-                wrong.append(f'{case.name} {quantity}: {least}')
+            values = results[quantity]
+            if quantity == 'quaternion':  # its sign is free
+                values = values * np.sign((values * expected).sum(axis=-1, keepdims=True))
+            error = np.abs(values - expected)
+            if not (error <= allowed).all():
+                detail = f'{error.max():.1e}, expected {allowed.min():.1e}'
+                wrong.append(f'{case.name} {quantity}: {detail}')
     assert not wrong, '\n'.join(wrong)
 
 
-def spread() -> list[Case]:
-    """One case of every kind, each of another arm."""
+def selection() -> list[Case]:
+    """Return a case of every kind, each of another arm."""
     kinds = sorted({case.kind for case in SOLVED})
-    of_kinds = [[case for case in SOLVED if case.kind == kind] for kind in kinds]
-    return [some[(7 * number) % len(some)] for number, some in enumerate(of_kinds)]
+    groups = [[case for case in SOLVED if case.kind == kind] for kind in kinds]
+    return [group[(7 * number) % len(group)] for number, group in enumerate(groups)]
 
 
-def test_there_are_cases_of_every_kind():
+def test_cases_are_complete():
     assert len(SOLVED) >= 600
     assert len({case.name for case in CASES}) == len(CASES)
     for case in SOLVED:
@@ -201,17 +200,17 @@ def test_there_are_cases_of_every_kind():
 
 
 @pytest.mark.parametrize('part', range(3))
-def test_a_spread_of_cases_is_right(part):
-    check(spread()[part::3])
+def test_selection_of_cases_equals_the_reference(part):
+    check(selection()[part::3])
 
 
 @pytest.mark.endurance
 @pytest.mark.parametrize('arm', sorted({case.name.split('/')[0] for case in SOLVED}))
-def test_all_cases_of_an_arm_are_right(arm):
+def test_all_cases_of_an_arm_equal_the_reference(arm):
     check([case for case in SOLVED if case.name.startswith(f'{arm}/')])
 
 
-def test_what_is_refused_is_named():
+def test_invalid_cases_raise_their_errors():
     for case in (case for case in CASES if not case.expected):
         kind, names = case.refused
         with pytest.raises(OctoArmError) as refusal:
@@ -221,7 +220,7 @@ def test_what_is_refused_is_named():
 
 
 @pytest.mark.parametrize('case', FAULTS, ids=[case.name for case in FAULTS])
-def test_what_was_wrong_before_is_right_or_refused(case):
+def test_earlier_faults_are_correct_or_refused(case):
     try:
         check([case])
     except SolveError:

@@ -1,4 +1,4 @@
-"""Messages of tensions and of what else is measured, read as what they say."""
+"""Messages of tensions and measurements: values, noise, frames and errors."""
 
 import re
 from types import SimpleNamespace
@@ -56,7 +56,7 @@ def pose_of(frame: str, stamp_ns: int) -> Pose:
 
 
 def read(message: Any, values: dict[str, Any] = VALUES, **changes: Any) -> Measurement:
-    """What a ``message`` measures of an arm with ``changes``; of no frame but 'camera'."""
+    """Read the measurement of an arm with ``changes``; only the frame 'camera' is known."""
     known = pose_of if message.header.frame_id == 'camera' else None
     return READERS[message.__msgtype__](message, arm(values, known, **changes))
 
@@ -98,7 +98,7 @@ def joint_state(names: list[str], values: list[float], field: str) -> Any:
 
 
 def messages(truth: Prediction, frame: str) -> tuple[Any, Any, Any]:
-    """What exact sensors in a frame say of the truth; 'camera' is turned and shifted."""
+    """Return messages of exact sensors in a frame; 'camera' is rotated and shifted."""
     turn, shift = (TURN, SHIFT) if frame == 'camera' else (Rotation.identity(), np.zeros(3))
     back, shape = turn.inv(), truth.solved
     axes = np.kron(np.eye(2), turn.as_matrix())
@@ -122,7 +122,7 @@ def test_exact_sensors_leave_no_innovation_in_any_frame(truth, frame):
     assert_allclose(found[0].covariance, np.diag(VARIANCES), rtol=0.0, atol=1e-9 * VARIANCES.max())
 
 
-def test_noise_of_a_wrench_goes_along_with_its_frame(truth):
+def test_noise_of_a_wrench_is_transformed_with_its_frame(truth):
     *_, message = messages(truth, 'camera')
     errors = np.random.default_rng(0).standard_normal((20000, 6)) * np.repeat([0.02, 0.003], 3)
     force = TURN.apply(errors[:, :3])
@@ -133,43 +133,44 @@ def test_noise_of_a_wrench_goes_along_with_its_frame(truth):
     assert_allclose(read(message).covariance / scale, sampled / scale, atol=0.03)
 
 
-def test_errors_of_the_model_are_noise_of_what_is_seen(truth):
+def test_model_error_is_added_to_the_noise(truth):
     tip, points, _ = messages(truth, FRAME)
     deviation = 0.01 * CONFIG.arm.length
-    found = read(points, model_error_stddev=0.01)
-    assert_allclose(np.diag(found.covariance), 1e-6 + deviation**2)
-    found = read(tip, model_error_stddev=0.01)
-    assert_allclose(np.diag(found.covariance), VARIANCES + np.repeat([deviation**2, 0.02**2], 3))
+    measurement = read(points, model_error_stddev=0.01)
+    assert_allclose(np.diag(measurement.covariance), 1e-6 + deviation**2)
+    measurement = read(tip, model_error_stddev=0.01)
+    expected = VARIANCES + np.repeat([deviation**2, 0.02**2], 3)
+    assert_allclose(np.diag(measurement.covariance), expected)
 
 
-def test_a_tip_without_a_covariance_has_that_of_the_parameters():
-    bare, given = tip_pose(covariance=np.zeros((6, 6))), {'estimator.tip_position_stddev': 2e-3}
+def test_tip_without_covariance_uses_the_parameters():
+    tip, noise = tip_pose(covariance=np.zeros((6, 6))), {'estimator.tip_position_stddev': 2e-3}
     with pytest.raises(MeasurementError, match='tip_position_stddev is 0: its noise is not'):
-        read(bare)
-    found = read(bare, given)
-    assert found.name == 'tip position'
-    assert_allclose(found.covariance, 4e-6 * np.eye(3))
-    found = read(bare, {**given, 'estimator.tip_rotation_stddev': 0.1})
-    assert found.name == 'tip pose'
-    assert_allclose(np.diag(found.covariance), [4e-6] * 3 + [0.01] * 3)
+        read(tip)
+    measurement = read(tip, noise)
+    assert measurement.name == 'tip position'
+    assert_allclose(measurement.covariance, 4e-6 * np.eye(3))
+    measurement = read(tip, {**noise, 'estimator.tip_rotation_stddev': 0.1})
+    assert measurement.name == 'tip pose'
+    assert_allclose(np.diag(measurement.covariance), [4e-6] * 3 + [0.01] * 3)
 
 
-def test_hidden_markers_are_left_out(truth):
+def test_hidden_markers_are_ignored(truth):
     points = truth.solved.position[[0, 1, -1]].copy()
     points[:2] = np.nan
-    found = read(markers(points))
-    assert_allclose(found.innovation(truth), 0.0, atol=1e-9)
-    assert found.value.size == 3
+    measurement = read(markers(points))
+    assert_allclose(measurement.innovation(truth), 0.0, atol=1e-9)
+    assert measurement.value.size == 3
 
 
-def test_readings_below_zero_are_measurements_as_calibrated():
+def test_negative_readings_are_calibrated_measurements():
     message = joint_state(NAMES[::-1], [0.4, -0.1, 0.02, 1.0], 'effort')
-    found = tensions_of(JOINT_STATE.read(message, CONFIG.arm), arm(tension_scale=[2.0] * 4))
-    assert_allclose(found.value, [2.0, 0.04, -0.2, 0.8])
-    assert_allclose(np.diag(found.covariance), 0.02**2)
+    measurement = tensions_of(JOINT_STATE.read(message, CONFIG.arm), arm(tension_scale=[2.0] * 4))
+    assert_allclose(measurement.value, [2.0, 0.04, -0.2, 0.8])
+    assert_allclose(np.diag(measurement.covariance), 0.02**2)
     field = FieldMessage('sensor_msgs/msg/JointState', 'effort')
-    found = tensions_of(field.read(message, CONFIG.arm), arm())
-    assert found.value.tolist() == [1.0, 0.02, -0.1, 0.4]
+    measurement = tensions_of(field.read(message, CONFIG.arm), arm())
+    assert measurement.value.tolist() == [1.0, 0.02, -0.1, 0.4]
     with pytest.raises(TensionError, match='3 names but 4 values'):
         field.read(joint_state(NAMES[1:], message.effort, 'effort'), CONFIG.arm)
     message.effort[1] = np.nan
@@ -179,14 +180,14 @@ def test_readings_below_zero_are_measurements_as_calibrated():
         tensions_of(np.full(CONFIG.arm.tension_shape, 1e308), arm(tension_scale=[10.0] * 4))
 
 
-def test_displacements_are_of_the_tendons_named(truth):
-    drawn_in = truth.model.solver.rest_lengths.ravel() - truth.tendon_lengths
-    found = read(joint_state([NAMES[2], NAMES[0]], [drawn_in[2], drawn_in[0]], 'position'))
-    assert_allclose(found.innovation(truth), 0.0, atol=1e-12)
+def test_displacements_belong_to_the_named_tendons(truth):
+    lengths = truth.model.solver.rest_lengths.ravel() - truth.tendon_lengths
+    measurement = read(joint_state([NAMES[2], NAMES[0]], [lengths[2], lengths[0]], 'position'))
+    assert_allclose(measurement.innovation(truth), 0.0, atol=1e-12)
 
 
 def some(shape: Any, place: Any, value: float) -> np.ndarray:
-    """An array of a ``shape`` that has one ``value``."""
+    """Return an array of a ``shape`` with one ``value``."""
     numbers = np.full(shape, 0.1)
     numbers[place] = value
     return numbers
@@ -235,7 +236,7 @@ INDEFINITE = np.ones((6, 6)) + np.eye(6) - 2.0 * (np.eye(6, k=1) + np.eye(6, k=-
         ),
     ],
 )
-def test_what_is_no_measurement_is_refused_in_a_line(message, values, words):
+def test_invalid_measurements_are_refused_in_one_line(message, values, words):
     with pytest.raises(OctoArmError, match=words) as refused:
         read(message, values)
     assert '\n' not in str(refused.value)
@@ -243,8 +244,7 @@ def test_what_is_no_measurement_is_refused_in_a_line(message, values, words):
 
 @pytest.mark.parametrize('frame', [FRAME, 'camera'])
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e200, 1.7e308])
-def test_what_is_no_number_is_refused_as_it_came(frame, value):
-    """In a turned frame too, where one wrong number would make several, and without warnings."""
+def test_errors_show_invalid_numbers_as_received(frame, value):
     shown = re.escape(f'{value!r}')
     covariance = np.eye(6)
     covariance[4, 4] = value
@@ -261,7 +261,7 @@ def test_what_is_no_number_is_refused_as_it_came(frame, value):
             base_wrench(some(6, 3, value), frame),
             rf'base wrench: value is \[0.1, 0.1, 0.1, {shown}, 0.1, 0.1\]',
         ),
-        # A marker that is no number is hidden: all of them are.
+        # A marker with NaN is hidden; here all of them are.
         (
             markers(some((3, 3), slice(None) if np.isnan(value) else (1, 0), value), frame),
             'marker',
@@ -271,7 +271,7 @@ def test_what_is_no_number_is_refused_as_it_came(frame, value):
             read(message)
 
 
-# Tensions, whichever library read their messages -------------------------------------------------
+# Tensions in message objects of any library ------------------------------------------------------
 
 
 TWELVE = load_config('renda2012_table4').arm
@@ -298,23 +298,23 @@ def test_array_is_row_major_from_the_tip(sizes):
         ((3, 4), 1, 12, r'data_offset 1'),
     ],
 )
-def test_array_of_another_shape_is_refused(sizes, offset, count, complaint):
+def test_arrays_of_other_shapes_are_refused(sizes, offset, count, complaint):
     message = array(np.zeros(count), *sizes, offset=offset)
     with pytest.raises(TensionError, match=complaint):
         FLOAT64_ARRAY.read(message, TWELVE)
 
 
-def test_a_refusal_does_not_grow_with_the_message():
+def test_length_of_errors_is_bounded():
     for names in (['x' * 10**6] * 2, [f'n{i}' for i in range(10**5)], ['a', 'b'] * 10**5):
         with pytest.raises(TensionError) as refusal:
             TENDON_TENSIONS.read(SimpleNamespace(name=names, tension=names), TWELVE)
         assert len(str(refusal.value)) < 1000
 
 
-# Stamps, and counts of what was left out ---------------------------------------------------------
+# Stamps, and counts of refused messages ----------------------------------------------------------
 
 
-def test_what_is_kept_is_bounded_whatever_comes():
+def test_number_of_counted_reasons_is_bounded():
     found = Refusals()
     for number in range(10_000):
         found.count('/a', f'unknown tendon {"x" * number}')
@@ -323,7 +323,7 @@ def test_what_is_kept_is_bounded_whatever_comes():
     assert found.of('/a')['other reasons'] == 9_950
 
 
-def test_a_stamp_that_is_not_set_tells_no_time():
+def test_unset_stamp_has_no_time():
     assert time_of(None) is None
     assert time_of(Stamp(0, 0)) is None
     for stamp in (Stamp(0, 1), Stamp(3, 999_999_999), Stamp(2**31 - 1, 0)):
@@ -332,6 +332,6 @@ def test_a_stamp_that_is_not_set_tells_no_time():
 
 
 @pytest.mark.parametrize('stamp', [Stamp(-1, 0), Stamp(-(2**31), 1), Stamp(0, 10**9)])
-def test_a_stamp_that_is_no_time_is_refused(stamp):
+def test_invalid_stamps_are_refused(stamp):
     with pytest.raises(MessageError, match=f'{stamp.sec} s and {stamp.nanosec} ns, expected'):
         time_of(stamp)

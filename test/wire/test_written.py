@@ -1,4 +1,4 @@
-"""Messages written as bytes: what the real serialiser makes, and markers as ROS reads them."""
+"""Messages written as bytes: agreement with the serialiser of ROS, and contents of markers."""
 
 import dataclasses
 
@@ -34,25 +34,24 @@ pytest.importorskip('visualization_msgs', reason='needs visualization_msgs')
 
 
 CONFIG = load_config('renda2012_table4')
-# A message ends its strings at a NUL, and UTF-8 has no surrogates: see the tests of their own.
+# Without NUL and surrogates, which messages cannot have; other tests cover them.
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'), max_size=40)
 STAMPS = st.tuples(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1))
 SEEDS = st.integers(0, 2**16)
 
 
 def assert_serialised(ours, message, beyond=0):
-    """What ``ours`` say is ``message``, in as many bytes as the serialiser takes.
+    """Check that the bytes ``ours`` are ``message`` with the length of the serialiser's.
 
-    That returns as many bytes as it estimated, which may be up to ``beyond`` too many where
-    sequences are empty.
+    The serialiser may append up to ``beyond`` bytes if sequences are empty.
     """
     assert isinstance(ours, bytes)
     assert 0 <= len(serialize_message(message)) - len(ours) <= beyond
     assert deserialize_message(ours, type(message)) == message
 
 
-def made_up(stations, model='closed_form', seed=0):
-    """A backbone of numbers of every size and sign; infinite ones, zeros and subnormals too."""
+def random_backbone(stations, model='closed_form', seed=0):
+    """Return a backbone with numbers of all sizes, infinities, zeros and subnormals."""
     random = np.random.default_rng(seed)
 
     def numbers(*shape):
@@ -85,8 +84,8 @@ def header_of(frame, stamp):
     return Header(stamp=Time(sec=stamp[0], nanosec=stamp[1]), frame_id=frame)
 
 
-def four(backbone, frame, stamp, covariance):
-    """Path, poses, strains and pose of the tip, as objects."""
+def messages_with_tip(backbone, frame, stamp, covariance):
+    """Return path, poses, strains and pose of the tip as objects."""
     three = messages_of(backbone, header_of(frame, stamp).stamp, frame)
     tip = PoseWithCovarianceStamped(header=header_of(frame, stamp))
     tip.pose.pose, tip.pose.covariance = three[1].poses[-1], covariance.ravel()
@@ -98,14 +97,14 @@ def four(backbone, frame, stamp, covariance):
 @example('', '', 2, [(-(2**31), 2**32 - 1), (2**31 - 1, 0)], 0)
 @example('Arm/Basis-Süd', 'renda2012', 101, [(-1, 999_999_999)], 1)
 @example('触手😀', 'exact', 120, [(0, 0), (1, 2)], 2)
-def test_backbones_are_written(frame, model, stations, stamps, seed):
-    some = [made_up(stations, model, seed + number) for number in range(len(stamps))]
-    some = [dataclasses.replace(one, section=some[0].section) for one in some]
-    writer, zero = writer_for(some[0], frame), np.zeros((6, 6))
-    alone = [tuple(writer.all(one, zero, *stamp)) for one, stamp in zip(some, stamps)]
-    # What was written before stays when the next is.
-    for ours, one, stamp in zip(alone, some, stamps, strict=True):
-        for data, message in zip(ours, four(one, frame, stamp, zero), strict=True):
+def test_backbones_are_serialised_as_by_ros(frame, model, stations, stamps, seed):
+    backbones = [random_backbone(stations, model, seed + number) for number in range(len(stamps))]
+    backbones = [dataclasses.replace(each, section=backbones[0].section) for each in backbones]
+    writer, zero = writer_for(backbones[0], frame), np.zeros((6, 6))
+    written = [tuple(writer.all(each, zero, *stamp)) for each, stamp in zip(backbones, stamps)]
+    # Compared after all are written: a message must not change with the next one.
+    for ours, each, stamp in zip(written, backbones, stamps, strict=True):
+        for data, message in zip(ours, messages_with_tip(each, frame, stamp, zero), strict=True):
             assert_serialised(data, message)
 
 
@@ -113,8 +112,8 @@ PROTOTYPE = load_config('renda2012_prototype').arm
 BENT = Solver(PROTOTYPE, 'exact', 21).solve([[1.0, 0.4, 0.3, 0.5]])
 
 
-def all_written(frame, names, stations, stamp, seed):
-    """Every other message, and its type."""
+def other_messages(frame, names, stations, stamp, seed):
+    """Yield the type and the bytes of every other message."""
     random = np.random.default_rng(seed)
     solver = CONFIG.solver('closed_form', stations)
     shape, s = solver.solve(random.uniform(0.0, 0.3, (3, 4))), solver.grid.s
@@ -125,14 +124,14 @@ def all_written(frame, names, stations, stamp, seed):
     yield TFMessage, FramesWriter(CONFIG.arm, s, frame, names[0]).write(shape, *stamp)
     yield PointCloud2, TensionProfilesWriter(frame, s, names).write(shape, *stamp)
     markers = MarkersWriter(CONFIG.arm, s, frame, seed % 2)
-    for largest in (None, 0.1):  # the template holds another message by then
+    for largest in (None, 0.1):  # the second one reuses the template
         yield MarkerArray, markers.write(shape, *stamp, largest)
-    known, of_force = np.tile(1e-6 * np.eye(3), (21, 1, 1)), 1e-6 * np.eye(3)
+    noise, of_force = np.tile(1e-6 * np.eye(3), (21, 1, 1)), 1e-6 * np.eye(3)
     for force in (np.array([0.0, -0.006, 0.01]), np.zeros(3)):
         yield (
             MarkerArray,
             UncertaintyMarkersWriter(PROTOTYPE, BENT.s, frame).write(
-                BENT.position, BENT.quaternion, known, (PROTOTYPE.length, force, of_force), *stamp
+                BENT.position, BENT.quaternion, noise, (PROTOTYPE.length, force, of_force), *stamp
             ),
         )
 
@@ -141,43 +140,42 @@ def all_written(frame, names, stations, stamp, seed):
 @given(TEXTS, st.lists(TEXTS, min_size=12, max_size=12), st.integers(6, 60), STAMPS, SEEDS)
 @example('', [''] * 12, 6, (-1, 2**32 - 1), 0)
 @example('触手😀', ['x', 'y', 'z', 's', *map(str, range(8))], 61, (7, 0), 1)
-def test_all_others_likewise(frame, names, stations, stamp, seed):
-    """What they hold is tested where nodes publish them."""
-    for kind, ours in all_written(frame, names, stations, stamp, seed):
+def test_other_messages_are_serialised_as_by_ros(frame, names, stations, stamp, seed):
+    for kind, ours in other_messages(frame, names, stations, stamp, seed):
         message = deserialize_message(ours, kind)
         assert_serialised(ours, message, beyond=24)
-        for one in getattr(message, 'markers', getattr(message, 'transforms', [message])):
-            assert one.header == header_of(frame, stamp)
+        for part in getattr(message, 'markers', getattr(message, 'transforms', [message])):
+            assert part.header == header_of(frame, stamp)
 
 
 @pytest.mark.parametrize('given', [('m', '\ud800'), ('m', 'a', ['\ud800']), ('\ud800',)])
-def test_names_that_utf8_cannot_hold_are_refused(given):
+def test_names_that_are_not_utf8_are_refused(given):
     model, *others = given
     with pytest.raises(ConfigError, match='UTF-8 cannot hold'):
-        writer_for(made_up(2, model), *others)
+        writer_for(random_backbone(2, model), *others)
 
 
-def test_a_covariance_of_another_size_is_refused():
+def test_covariance_of_wrong_size_is_refused():
     with pytest.raises(MessageError, match='pose has 35 numbers, expected 36 for each of 1'):
         read_covariance(BackboneCovariance(s=[0.0], pose=[0.0] * 35))
 
 
 @pytest.mark.parametrize(('sec', 'nanosec'), [(2**31, 0), (-(2**31) - 1, 0), (0, -1), (0, 2**32)])
-def test_stamps_a_message_cannot_hold_are_refused(sec, nanosec):
-    backbone = made_up(2)
+def test_stamps_out_of_range_are_refused(sec, nanosec):
+    backbone = random_backbone(2)
     with pytest.raises(ConfigError, match=f'stamp is {sec} s, {nanosec} ns'):
         writer_for(backbone).path(backbone, sec, nanosec)
 
 
 @pytest.mark.parametrize('count', [0, 1, 101])
 @given(frame=st.text(st.characters(codec='ascii', exclude_characters='\0'), max_size=20))
-def test_poses_are_read_from_bytes_as_ros_reads_them(count, frame):
+def test_poses_are_read_as_by_ros(count, frame):
     expected = np.random.default_rng(count).normal(size=(count, 7))
     poses = [pose_message(p[:3], p[3:]) for p in expected]
     message = PoseArray(header=header_of(frame, (-3, 250_000_000)), poses=poses)
-    stamp, found = read_poses(serialize_message(message))
+    stamp, read = read_poses(serialize_message(message))
     assert stamp == -2.75
-    assert_array_equal(found, expected)
+    assert_array_equal(read, expected)
 
 
 # Markers -----------------------------------------------------------------------------------------
@@ -196,7 +194,7 @@ def draw(backbone=SHAPE, arm=ARM, largest=None, **options):
     return deserialize_message(data, MarkerArray)
 
 
-def named(message, namespace):
+def markers_of(message, namespace):
     return [marker for marker in message.markers if marker.ns == namespace]
 
 
@@ -209,9 +207,9 @@ FRAMES = Rotation.from_quat(SHAPE.quaternion).as_matrix()
 
 @pytest.mark.parametrize('law', [LINEAR, NEO_HOOKEAN])
 def test_vertices_of_the_body_lie_on_its_surface(law):
-    (body,) = named(draw(law=law), 'body')
+    (body,) = markers_of(draw(law=law), 'body')
     vertices = np.unique(coordinates(body.points), axis=0)
-    # In the plane of the nearest cross section that they are in at all.
+    # In the plane of one of the cross sections.
     local = np.einsum('nji,vnj->vni', FRAMES, vertices[:, np.newaxis] - SHAPE.position)
     distance = np.linalg.norm(local[..., 1:], axis=-1)
     radius = ARM.body.radius(S) * ((1.0 + SHAPE.q) ** -0.5 if law == NEO_HOOKEAN else 1.0)
@@ -223,13 +221,13 @@ def test_vertices_of_the_body_lie_on_its_surface(law):
     assert centres.sum() == 2
 
 
-def test_the_body_is_closed_and_its_triangles_wind_outwards():
-    (body,) = named(draw(), 'body')
+def test_body_is_closed_with_outward_triangles():
+    (body,) = markers_of(draw(), 'body')
     triangles = coordinates(body.points).reshape(-1, 3, 3)
     first, second, third = triangles.transpose(1, 0, 2)
     normal = np.cross(second - first, third - first)
     assert (np.linalg.norm(normal, axis=1) > 0.0).all()
-    # Every edge is shared by two triangles that run along it in opposite directions.
+    # Two triangles share every edge in opposite directions.
     edges = {}
     for corners in triangles.tolist():
         corners = [tuple(corner) for corner in corners]
@@ -237,7 +235,7 @@ def test_the_body_is_closed_and_its_triangles_wind_outwards():
             edges[a, b] = edges.get((a, b), 0) + 1
     assert set(edges.values()) == {1}
     assert all((b, a) in edges for a, b in edges)
-    # Away from the midline, but for the two ends, which face along it.
+    # Normals point away from the midline; those of the two ends are parallel to it.
     middle = triangles.mean(axis=1)
     nearest = np.linalg.norm(middle[:, np.newaxis] - SHAPE.position, axis=-1).argmin(axis=1)
     outward = np.einsum('ti,ti->t', normal, middle - SHAPE.position[nearest])
@@ -245,8 +243,8 @@ def test_the_body_is_closed_and_its_triangles_wind_outwards():
     assert (outward[side] > 0.0).all()
     assert (normal[-24:-12] @ FRAMES[0, :, 0] < 0.0).all()
     assert (normal[-12:] @ FRAMES[-1, :, 0] > 0.0).all()
-    # The volume enclosed is that of a cone with polygons of twelve sides for circles. Bending
-    # does not change it (Pappus), stretching does.
+    # The volume is that of a cone with twelve-sided polygons as sections. Bending does not change
+    # it (Pappus), stretching does.
     volume = np.einsum('ti,ti->', first, np.cross(second, third)) / 6.0
     area = 6.0 * np.sin(np.pi / 6.0) * ARM.body.radius(S) ** 2
     slices = area * (1.0 + SHAPE.q)
@@ -255,8 +253,8 @@ def test_the_body_is_closed_and_its_triangles_wind_outwards():
 
 
 @pytest.mark.parametrize('law', [LINEAR, NEO_HOOKEAN])
-def test_tendons_follow_their_offsets_up_to_their_anchorage(law):
-    tendons = named(draw(law=law), 'tendons')
+def test_tendons_follow_their_offsets_to_the_anchorage(law):
+    tendons = markers_of(draw(law=law), 'tendons')
     assert len(tendons) == len(ARM.tendons)
     along_n, along_b = ARM.tendon_offsets(S)
     width = (1.0 + SHAPE.q) ** -0.5 if law == NEO_HOOKEAN else np.ones(S.size)
@@ -272,8 +270,8 @@ def test_tendons_follow_their_offsets_up_to_their_anchorage(law):
         assert S[inside][-1] == pytest.approx(end, abs=1e-12)
 
 
-def test_discs_lie_across_the_arm_at_the_anchorages():
-    discs = named(draw(), 'anchorages')
+def test_discs_are_perpendicular_to_the_arm_at_the_anchorages():
+    discs = markers_of(draw(), 'anchorages')
     stations = anchorage_stations(ARM, S)
     assert [S[i] for i in stations] == [section.anchorage for section in ARM.sections]
     for station, marker in zip(stations, discs, strict=True):
@@ -291,7 +289,7 @@ def test_discs_lie_across_the_arm_at_the_anchorages():
 
 @pytest.mark.parametrize('largest', [None, 40.0])
 def test_tendons_have_the_colour_of_their_tension(largest):
-    tendons = named(draw(largest=largest), 'tendons')
+    tendons = markers_of(draw(largest=largest), 'tendons')
     drawn = np.array([[m.color.r, m.color.g, m.color.b, m.color.a] for m in tendons])
     expected = tension_colours(SHAPE.tensions.ravel(), largest)
     assert_allclose(drawn, expected, atol=1e-6)
@@ -302,9 +300,9 @@ def test_tendons_have_the_colour_of_their_tension(largest):
 def test_any_number_of_stations_can_be_drawn(stations):
     shape = CONFIG.solver('closed_form', stations).solve(FETCHING_IN_SPACE)
     message = draw(shape)
-    (body,) = named(message, 'body')
+    (body,) = markers_of(message, 'body')
     vertices = np.unique(coordinates(body.points), axis=0)
     assert len(vertices) <= 12 * (MOST_RINGS + 3) + 2
-    tip = coordinates(named(message, 'tendons')[0].points)[-1]
+    tip = coordinates(markers_of(message, 'tendons')[0].points)[-1]
     offset = ARM.sections[0].offset_anchorage
     assert np.linalg.norm(tip - shape.tip) == pytest.approx(offset, abs=1e-12)
