@@ -64,14 +64,11 @@ def follow_tensions(
 
 
 def follow_displacements(
-    solver: Solver,
-    displacements: list[dict[str, float]],
-    wrench: tuple[float, ...] | None,
-    first: Wound,
+    solver: Solver, steps: list[dict[str, float]], wrench: tuple[float, ...] | None, first: Wound
 ) -> Iterator[None]:
     """Solve for each set of tendon displacements [m], starting from the last solution."""
     last = first
-    for target in displacements:
+    for target in steps:
         last = solve_displacements(solver, target, start=last, tip_wrench=wrench)
         yield
 
@@ -88,9 +85,8 @@ def compare_discs() -> None:
         times = []
         for variant in arms:
             solver = Solver(variant, 'exact', material='linear', compiled=compiled)
-            times.append(
-                shortest_time(functools.partial(follow_tensions, solver, movement, _WRENCH))
-            )
+            follow = functools.partial(follow_tensions, solver, movement, _WRENCH)
+            times.append(shortest_time(follow))
         ratios = ' | '.join(f'{seconds / times[0]:.1f}' for seconds in times[1:])
         by = 'compiled' if compiled else 'NumPy'
         print(f'| {by} | {1e3 * times[0] / _STEPS:.2f} | {ratios} |')
@@ -115,18 +111,18 @@ def main() -> None:
                 for each in (arm, sheathed_arm, friction_arm, both_arm)
             )
             for wrench in (None, _WRENCH):
-                displacements = [
+                lengths = [
                     dict(zip(arm.tendon_names, displacements_of(plain, each).ravel().tolist()))
                     for each in (plain.solve(step_tensions, wrench) for step_tensions in movement)
                 ]
-                first = solve_displacements(plain, displacements[0], tip_wrench=wrench)
+                first = solve_displacements(plain, lengths[0], tip_wrench=wrench)
                 list(follow_tensions(sheathed, movement[:1], wrench))
                 solve = shortest_time(lambda: follow_tensions(plain, movement, wrench))
                 sheath = shortest_time(lambda: follow_tensions(sheathed, movement, wrench))
                 friction = shortest_time(lambda: follow_tensions(with_friction, movement, wrench))
                 both = shortest_time(lambda: follow_tensions(with_both, movement, wrench))
                 winches = shortest_time(
-                    lambda: follow_displacements(plain, displacements, wrench, first)
+                    lambda: follow_displacements(plain, lengths, wrench, first)
                 )
                 print(
                     f'| {name} | {"tip force" if wrench else "none"} | '

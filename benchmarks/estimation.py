@@ -47,9 +47,9 @@ ROBOT = Arm(
 Run = list[tuple[list[Measurement], Prediction]]
 
 
-def arm_model(*, has_time_prior: bool, is_compiled: bool) -> ArmModel:
+def arm_model(*, has_prior: bool, is_compiled: bool) -> ArmModel:
     """Return the robot's model, with errors correlated in time or taken as independent."""
-    correlation_time = CORRELATION_TIME if has_time_prior else 1e-6
+    correlation_time = CORRELATION_TIME if has_prior else 1e-6
     unknowns = Unknowns(
         Walk(20.0, TENSION_RATE),
         tension_bias=Walk.stationary(TENSION, correlation_time),
@@ -60,7 +60,7 @@ def arm_model(*, has_time_prior: bool, is_compiled: bool) -> ArmModel:
 
 def simulate(seed: int) -> Run:
     """Return the measurements and the true state of every step of a run."""
-    model = arm_model(has_time_prior=True, is_compiled=is_available())
+    model = arm_model(has_prior=True, is_compiled=is_available())
     state, rng = model.state, np.random.default_rng(seed)
     x = state.prior_stddev() * rng.normal(size=state.size)
     run: Run = []
@@ -77,13 +77,10 @@ def simulate(seed: int) -> Run:
     return run
 
 
-def report(name: str, runs: list[Run], *, has_time_prior: bool, is_compiled: bool) -> None:
+def report(name: str, runs: list[Run], *, has_prior: bool, is_compiled: bool) -> None:
     """Print errors of all ``runs``, their normalised squares (NEES) and the coverage of 95 %."""
-    model, means, seconds = (
-        arm_model(has_time_prior=has_time_prior, is_compiled=is_compiled),
-        [],
-        0.0,
-    )
+    model, means = arm_model(has_prior=has_prior, is_compiled=is_compiled), []
+    seconds = 0.0
     force, tension = model.state.tip_force, model.state.tension
     Filter(model).add(0.0, runs[0][0][0]).pose_covariance.sum()  # compiles
     for run in runs:
@@ -122,18 +119,10 @@ def main() -> None:
     print(f'{"":36}{"ms/step":>9}{"force rms N":>12}' + ''.join(f'{name:>17}' for name in columns))
     for is_compiled in (True, False) if is_available() else (False,):
         way = 'compiled' if is_compiled else 'NumPy alone'
-        for has_time_prior, prior in (
-            (False, 'without prior in time'),
-            (True, 'with prior in time'),
-        ):
-            runs_timed = runs if is_compiled else runs[:1]
-            report(
-                f'{prior}, {way}',
-                runs_timed,
-                has_time_prior=has_time_prior,
-                is_compiled=is_compiled,
-            )
-    model, cold = arm_model(has_time_prior=False, is_compiled=is_available()), runs[0][::2]
+        for has_prior, prior in ((False, 'without prior in time'), (True, 'with prior in time')):
+            some = runs if is_compiled else runs[:1]
+            report(f'{prior}, {way}', some, has_prior=has_prior, is_compiled=is_compiled)
+    model, cold = arm_model(has_prior=False, is_compiled=is_available()), runs[0][::2]
     converged = 0
     start = time.process_time()
     for measurements, _ in cold:

@@ -141,11 +141,8 @@ class Client(Participant):
                 message.poses.append(Pose(position=Point(x=x, y=y, z=z)))
         else:
             moment = np.cross(shape.tip, force) + 2e-4 * noise(3)
-            force_read = force + 2e-3 * noise(3)
-            for field, values in (
-                (message.wrench.force, force_read),
-                (message.wrench.torque, moment),
-            ):
+            read = force + 2e-3 * noise(3)
+            for field, values in ((message.wrench.force, read), (message.wrench.torque, moment)):
                 field.x, field.y, field.z = values.tolist()
         self._publishers[topic].publish(message)
 

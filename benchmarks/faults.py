@@ -1,16 +1,12 @@
 """Measure how soon the estimator names a faulty sensor, and how wrong its estimates are meanwhile.
 
 Arms are simulated, still and moving, with load cells, the tip and markers measured. Noise is as
-configured; the fault lasts from `BEGIN`, or from the first message, to `END`. Each row has
-
-* the time until the faulty sensor is named, alone or among equally suspect ones,
-* the share of the rest of the fault in which it is named,
-* the largest error of any station over its stated standard deviation,
-* the share of estimates with an error of more than five standard deviations,
-* the longest time for which a sound sensor was refused,
-* the time for which the faulty sensor was still refused after the fault,
-* the share of messages for which an estimate was published,
-* the largest processor time of a message.
+configured; the fault lasts from `BEGIN`, or from the first message, to `END`. Each row has the
+time until the faulty sensor is named, alone or among equally suspect ones; the share of the rest
+of the fault in which it is named; the largest error of any station over its standard deviation;
+the share of estimates beyond five deviations; the longest refusal of a sound sensor; the refusal
+of the faulty one after the fault; the share of messages with an estimate; and the largest
+processor time of a message.
 
     python benchmarks/faults.py [--full] [--arm NAME] [--only TEXT] [--brief]
 """
@@ -152,9 +148,8 @@ class Bench:
             markers_at = np.array([round(part * (len(shape.s) - 1)) for part in MARKED])
             markers, tip = shape.position[markers_at].copy(), shape.tip.copy()
             if is_faulty:
-                reading, markers, tip = self._with_fault(
-                    case, t, (reading, markers, tip), stuck, truth
-                )
+                true = reading, markers, tip
+                reading, markers, tip = self._with_fault(case, t, true, stuck, truth)
             sizes = reading.size, markers.shape, 3
             cell_noise, tip_noise, _ = (rng.normal(size=size) for size in sizes)
             cells = Tensions(reading + CELL * cell_noise, CELL)
@@ -268,11 +263,11 @@ def cases(arms: tuple[str, ...], *, is_full: bool) -> Iterator[Case]:
     orders = (True, False) if is_full else (True,)
     for arm, sensors in itertools.product(arms, SENSORS):
         tendons = range(len(load_config(arm).arm.tendon_names))
-        for fault, rate, is_moving, cells_first in itertools.product(
+        for fault, rate, is_moving, order in itertools.product(
             CELL_FAULTS, rates, motions, orders
         ):
             for tendon in tendons if is_full else tendons[::5]:
-                yield Case(arm, fault, tendon, sensors, rate, is_moving, cells_first)
+                yield Case(arm, fault, tendon, sensors, rate, is_moving, order)
         for fault, rate, is_moving in itertools.product(('none', *OTHER_FAULTS), rates, motions):
             sensor = {
                 'marker jumps': 'markers',
@@ -288,9 +283,7 @@ def main() -> None:
     parser = make_parser(__doc__)
     parser.add_argument('--full', action='store_true', help='run every tendon, rate and order')
     parser.add_argument('--arm', help='run one preset only')
-    parser.add_argument(
-        '--only', default='', help='run the cases whose printed name contains this'
-    )
+    parser.add_argument('--only', default='', help='run the cases with this in their name')
     options = parser.parse_args()
     arms = (options.arm,) if options.arm else ARMS[:1] if IS_BRIEF else ARMS
     benches: dict[str, Bench] = {}

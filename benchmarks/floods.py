@@ -49,12 +49,9 @@ class Flooder(Participant):
         self._solve = self.node.create_client(Solve, 'solve')
         self._find = self.node.create_client(FindTensions, 'find_tensions')
         self._waiting: list[Any] = []
-        self._diagnostics: list[float] = []
+        self._times: list[float] = []
         self.node.create_subscription(
-            DiagnosticArray,
-            '/diagnostics',
-            lambda _: self._diagnostics.append(time.monotonic()),
-            10,
+            DiagnosticArray, '/diagnostics', lambda _: self._times.append(time.monotonic()), 10
         )
         self._number = itertools.count(1)
         services = (self._parameters, self._solve, self._find)
@@ -103,7 +100,7 @@ class Flooder(Participant):
     def measure(self, flood: Callable[[], None] | None) -> tuple[float, float, float]:
         """Return median and longest time to an answer, and the longest between diagnostics [s]."""
         durations = []
-        self._diagnostics.clear()
+        self._times.clear()
         start = now = due = time.monotonic()
         while now < start + DURATION:
             answer = self._parameters.call_async(GetParameters.Request(names=['model']))
@@ -116,11 +113,8 @@ class Flooder(Participant):
                 self.executor.spin_once(timeout_sec=max(min(due - now, 0.001), 0.0))
             now = time.monotonic()
             durations.append(now - begin)
-        return (
-            float(np.median(durations)),
-            max(durations),
-            float(np.diff([start, *self._diagnostics, now]).max()),
-        )
+        gap = float(np.diff([start, *self._times, now]).max())
+        return float(np.median(durations)), max(durations), gap
 
 
 def main() -> None:

@@ -116,9 +116,7 @@ def run_other_node(kind: str) -> None:
     """Run the node floor, plain or naive until it is interrupted."""
     rclpy.init()
     node = Node(kind)
-    publishers = [
-        node.create_publisher(type_, topic, OUTPUT_QOS) for topic, type_ in OUTPUTS.items()
-    ]
+    publishers = [node.create_publisher(type_, to, OUTPUT_QOS) for to, type_ in OUTPUTS.items()]
     solver = CONFIG.solver()
 
     def solve(message: TendonTensions) -> tuple[Path, PoseArray, SectionStrains]:
@@ -129,10 +127,8 @@ def run_other_node(kind: str) -> None:
     prebuilt = [serialize_message(m) for m in solve(TendonTensions(name=names, tension=values))]
 
     def answer(message: TendonTensions) -> None:
-        for publisher, prepared in zip(
-            publishers, solve(message) if kind == 'naive' else prebuilt
-        ):
-            publisher.publish(prepared)
+        for publisher, data in zip(publishers, solve(message) if kind == 'naive' else prebuilt):
+            publisher.publish(data)
 
     node.create_subscription(TendonTensions, 'tendon_tensions', answer, INPUT_QOS)
     executor = our_node.make_executor() if kind == 'floor' else SingleThreadedExecutor()
@@ -272,10 +268,7 @@ class Client(Participant):
         super().close()
 
     def measure_latencies(self, are_stamped: bool) -> np.ndarray:
-        """Return the latencies of questions, one at a time [s].
-
-        If answers ``are_stamped`` as their question, other stamps are an error.
-        """
+        """Return latencies of single questions [s]; check the stamps of answers that have them."""
         latencies, end = [], time.monotonic() + LONGEST_LOOP
         for number in range(1, QUESTIONS + 1):
             if time.monotonic() > end:

@@ -105,10 +105,7 @@ class Errors:
     def add(
         self, unknowns: Unknowns, moments: list[Moment], select: Select, counted: range
     ) -> None:
-        """Run a filter with ``unknowns`` through a run, and add its errors.
-
-        The filter gets the measurements that ``select`` returns. Only steps in ``counted`` count.
-        """
+        """Run a filter with the measurements of ``select``; add errors of steps ``counted``."""
         estimator = Filter(ArmModel(ARM, unknowns, loads=WATER, stations=STATIONS))
         start = time.process_time()
         for step, moment in enumerate(moments):
@@ -145,13 +142,11 @@ class Errors:
         along, tip = (
             1e3 * np.sqrt((error**2).sum(axis=-1).mean()) for error in (position, position[:, -1])
         )
-        coverage = ''.join(f'{100.0 * share:9.1f}' for share in np.mean(self._inside, axis=0))
+        inside = ''.join(f'{100.0 * share:9.1f}' for share in np.mean(self._inside, axis=0))
         force_rms = 1e3 * np.sqrt((force**2).sum(axis=1).mean())
         refused = ', '.join(f'{count} {sensor}' for sensor, count in self.refused.items())
         per_step = 1e3 * self.seconds / self.count
-        print(
-            f'{name:34}{along:8.2f}{tip:8.2f}{force_rms:9.3f}{coverage}{per_step:8.1f}  {refused}'
-        )
+        print(f'{name:34}{along:8.2f}{tip:8.2f}{force_rms:9.3f}{inside}{per_step:8.1f}  {refused}')
 
 
 def report(

@@ -68,11 +68,7 @@ def start_node(domain: int, *arguments: str, file: Path = FILE) -> subprocess.Po
 
 
 def end(process: subprocess.Popen[bytes], expected: set[int]) -> int:
-    """Wait for the end of a ``process`` and return its exit status.
-
-    Raises:
-        RuntimeError: if the status is not one of those ``expected``.
-    """
+    """Wait for the end of a ``process``; return its status, which must be one ``expected``."""
     status = process.wait(timeout=DEADLINE)
     if status not in expected:
         STDERR[process.pid].seek(0)
@@ -178,16 +174,14 @@ class Client(Participant):
         for _ in range(2):
             self.totals.clear()
             self.wait(lambda: len(self.totals) > 5, 'a diagnostic message')
-        self.base, self.sent = self.count_handled(), 0
+        self.base, self.sent = self.handled(), 0
 
     def wait_for_count(self) -> dict[str, int]:
         """Wait until the diagnostics count every message; return their totals."""
-        self.wait(
-            lambda: self.count_handled() - self.base >= self.sent, 'a count of every message'
-        )
+        self.wait(lambda: self.handled() - self.base >= self.sent, 'a count of every message')
         return {key: self.totals[key] for key in self.KEYS}
 
-    def count_handled(self) -> int:
+    def handled(self) -> int:
         """Return the number of messages that the diagnostics count."""
         return sum(self.totals.get(key, 0) for key in self.KEYS)
 
@@ -373,9 +367,7 @@ def subscribe_to_everything(client: Client) -> None:
                 message, topic, lambda data: None, QoSProfile(depth=100), raw=True
             )
         )
-    client.wait(
-        lambda: all(it.get_publisher_count() for it in subscriptions), 'all topics of the node'
-    )
+    client.wait(lambda: all(s.get_publisher_count() for s in subscriptions), 'all topics')
 
 
 def change_parameters(client: Client, process: subprocess.Popen[bytes], count: int) -> list[str]:
@@ -399,7 +391,7 @@ def change_parameters(client: Client, process: subprocess.Popen[bytes], count: i
         backbone = config.solver(compiled=None).solve(TENSIONS)
         allowed.add(Client.writer_of(config).poses(backbone, 0, 0)[STAMP.stop :])
     client.answers.clear()
-    shapes_seen = set()
+    seen = set()
     for number in range(count):
         values = variants[(number + 1) % len(variants)]
         parameters = [
@@ -417,17 +409,12 @@ def change_parameters(client: Client, process: subprocess.Popen[bytes], count: i
         shapes = {data[STAMP.stop :] for data in client.answers.values()}
         if not shapes <= allowed:
             raise RuntimeError('a shape that belongs to no set of parameters')
-        shapes_seen |= shapes
+        seen |= shapes
         client.answers.clear()
-    first_variant = [Parameter(n, value=v).to_parameter_msg() for n, v in variants[0].items()]
-    future = client.parameters.call_async(
-        SetParametersAtomically.Request(parameters=first_variant)
-    )
+    first = [Parameter(n, value=v).to_parameter_msg() for n, v in variants[0].items()]
+    future = client.parameters.call_async(SetParametersAtomically.Request(parameters=first))
     client.wait(future.done, 'a return to the first parameters')
-    return [
-        f'{count} changes of parameters',
-        f'no wrong shape; {len(shapes_seen)} of 3 right ones seen',
-    ]
+    return [f'{count} changes of parameters', f'no wrong shape; {len(seen)} of 3 right ones seen']
 
 
 def kill_and_restart(client: Client, domain: int, process: subprocess.Popen[bytes]) -> list[Any]:
@@ -496,12 +483,9 @@ def run(part: float) -> list[list[str]]:
     client = Client(domain)
     try:
         client.connect()
-        for test, full_count in (
-            (send_invalid, 100_000),
-            (change_parameters, 1000),
-            (send_valid, 1_000_000),
-        ):
-            rows.append(test(client, process, max(int(full_count * part), 5)))
+        counts = {send_invalid: 100_000, change_parameters: 1000, send_valid: 1_000_000}
+        for test, full in counts.items():
+            rows.append(test(client, process, max(int(full * part), 5)))
             print(*rows[-1], sep=': ', flush=True)
         process, *row = kill_and_restart(client, domain, process)
         rows.append(row)

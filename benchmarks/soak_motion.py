@@ -36,9 +36,8 @@ from octo_arm_model.arm.stiffness import bending_force, default_highest
 
 NAME = 'renda2012_table4'
 CONFIG = load_config(NAME)
-MOST_TENSION = np.minimum(
-    default_highest(CONFIG.arm).ravel(), 8.0
-)  # [N], so that four tendons do not crush the arm
+# Highest tensions [N], with which four tendons do not crush the arm.
+MOST_TENSION = np.minimum(default_highest(CONFIG.arm).ravel(), 8.0)
 MOST_LENGTH = 0.15 * CONFIG.solver().rest_lengths.ravel()  # [m], reeled in
 MOST_FORCE = 10.0 * bending_force(CONFIG.arm, 0.3)  # [N] at the tip
 SHORT = 100.0  # [s]; the memory in shorter runs is not checked
@@ -84,11 +83,7 @@ class Commander(Participant):
             self.executor.spin_once(timeout_sec=remaining)
 
     def ask(self, kind: _Service, name: str, request: Any = None) -> None:
-        """Call a service.
-
-        Raises:
-            RuntimeError: if it does not succeed.
-        """
+        """Call a service, which must succeed."""
         client = self.node.create_client(kind, name)
         self.wait(client.service_is_ready, name)
         answer = client.call_async(kind.Request() if request is None else request)
@@ -122,23 +117,17 @@ class Commander(Participant):
 
 @contextmanager
 def running(domain: int) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the programs of `make run` in ``domain``.
-
-    Raises:
-        RuntimeError: if they end with an error.
-    """
+    """Run the programs of `make run` in ``domain``, which must end without an error."""
     command = [sys.executable, '-m', 'octo_arm_model.apps.demo', NAME, '--moving']
-    with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(
-            command, env=environment_in(domain), stdout=output, stderr=output
-        )
+    with tempfile.TemporaryFile() as log:
+        process = subprocess.Popen(command, env=environment_in(domain), stdout=log, stderr=log)
         try:
             yield process
         finally:
             process.send_signal(signal.SIGINT)
             status = process.wait(DEADLINE)
-            output.seek(0)
-            text = output.read().decode(errors='replace')
+            log.seek(0)
+            text = log.read().decode(errors='replace')
             if status or 'Traceback' in text:
                 raise RuntimeError(f'exit status {status}, output ends with {text[-3000:]}')
 

@@ -247,10 +247,8 @@ def compare_loaded(config: Config) -> None:
     fine = solver_of(config, arm, loads, 20 * STATIONS).solve(tensions).tip
     backbone = solver.solve(tensions)
     cold = median_time(lambda: solver.solve(tensions), 50)
-    variation = iter(np.sin(np.arange(1000.0)))
-    warm = median_time(
-        lambda: solver.solve(tensions * (1 + 0.01 * next(variation)), start=backbone), 50
-    )
+    factors = iter(1.0 + 0.01 * np.sin(np.arange(1000.0)))
+    warm = median_time(lambda: solver.solve(tensions * next(factors), start=backbone), 50)
     bvp = LoadedBvp(arm, tensions, loads, 'neo_hookean', config.base)
     # With this tolerance the errors of both are about equal.
     with np.errstate(all='ignore'):
@@ -384,11 +382,8 @@ def measure_friction() -> None:
         for variant in (arm, dataclasses.replace(arm, friction=(0.2,))):
             solver = Solver(variant, name.partition(',')[0], compiled=False)
             times.append(median_time(functools.partial(solver.solve, tensions, tip_wrench), 100))
-        without, with_friction = times
-        print(
-            f'{name:24}{1e3 * without:12.3f}{1e3 * with_friction:12.3f}'
-            f'{with_friction / without:8.1f}'
-        )
+        without, rubbing = times
+        print(f'{name:24}{1e3 * without:12.3f}{1e3 * rubbing:12.3f}{rubbing / without:8.1f}')
 
 
 if __name__ == '__main__':

@@ -128,18 +128,15 @@ class ElasticArm:
             while fraction_done < 1.0:
                 fraction = min(1.0, fraction_done + step)
                 pulls = origin + fraction * (load - origin)
-                solution = self._newton(
-                    pulls, self._extrapolate(solutions, pulls) if guess is None else guess
-                )
+                first = self._extrapolate(solutions, pulls) if guess is None else guess
+                solution = self._newton(pulls, first)
                 values = ' '.join(f'{t:.3g}' for t in pulls)
                 name = f'load {number + 1}/{len(tensions)}, {values} N'
                 if solution is None:
                     step, guess = step if guess is not None else 0.5 * step, None
                     report(f'{name}: did not converge, takes a smaller step')
                     if step < _SMALLEST:
-                        raise SolveError(
-                            f'no equilibrium of the elastic arm found on the way to {load} N'
-                        )
+                        raise SolveError(f'the elastic arm has no equilibrium near {pulls} N')
                     continue
                 state, residual, count = solution
                 report(f'{name}: residual {residual:.0e} after {count} factorisations')

@@ -58,9 +58,8 @@ def draw(path: Path) -> None:
         shapes = loop(friction)
         pulls = np.array([shape.tensions[0, 0] for shape in shapes])
         for shape, dashes in ((shapes[shown], '-'), (shapes[-1 - shown], '--')):
-            shape_axes.plot(
-                1e3 * shape.position[:, 0], 1e3 * shape.position[:, 1], dashes, color=colour
-            )
+            x, y, _ = 1e3 * shape.position.T
+            shape_axes.plot(x, y, dashes, color=colour)
         rotations = [Rotation.from_quat(shape.quaternion[-1]).magnitude() for shape in shapes]
         tip_axes.plot(pulls, np.degrees(rotations), color=colour, label=f'mu = {friction:g}')
         tip_tensions = [shape.tendon_tensions[-1, 0] for shape in shapes]

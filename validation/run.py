@@ -119,12 +119,11 @@ def tables(results: dict[str, Any]) -> str:
         for variant, result in case['variants'].items():
             index_of = {tuple(load): i for i, load in enumerate(result['loads'])}
             cells = [index_of.get(tuple(load)) for load in case['tensions_N']]
-            changes, errors = result['tip_change_percent'], result['tip_error_percent']['exact']
+            changes, left = result['tip_change_percent'], result['tip_error_percent']['exact']
             lines.append(
                 f'  {variant:30}'
                 + ''.join(
-                    ' ' * 16 if i is None else f'{changes[i]:9.2f} / {errors[i]:.2f}'
-                    for i in cells
+                    ' ' * 16 if i is None else f'{changes[i]:9.2f} / {left[i]:.2f}' for i in cells
                 )
             )
     lines += ['', f'made by {results["made_by"]} in {results["minutes"]} minutes']

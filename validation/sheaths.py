@@ -103,16 +103,9 @@ def draw(results: list[dict[str, Any]], path: Path) -> None:
         stiffnesses = result['stiffness_over_shear_modulus']
         for name, colour in _COLOURS.items():
             label = name if name == 'rigid' else f'{name}, k = {stiffnesses[name]:.3g} G'
-            axes.plot(
-                result['tensions_N'],
-                result['tip_error_percent'][name],
-                'o-',
-                color=colour,
-                label=label,
-            )
-        axes.plot(
-            result['tensions_N'], result['mesh_error_percent'], ':', color='0.4', label='mesh'
-        )
+            percent = result['tip_error_percent'][name]
+            axes.plot(_TENSIONS, percent, 'o-', color=colour, label=label)
+            axes.plot(_TENSIONS, result['mesh_error_percent'], ':', color='0.4', label='mesh')
         axes.set(title=f'sheath of {result["radius_mm"]:g} mm radius', xlabel='tension [N]')
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8)

@@ -66,49 +66,31 @@ def derivatives(mesh: Mesh) -> list[Check]:
     random = np.random.default_rng(51)
     magnitudes = np.where(np.arange(solid.size) < solid.displacements, 1e-5, 0.05 * _E)
     state, direction = magnitudes * random.normal(size=(2, solid.size))
-    displacement, displacement_direction = (
-        x[: solid.displacements].reshape(-1, 3) for x in (state, direction)
-    )
+    u, v = (x[: solid.displacements].reshape(-1, 3) for x in (state, direction))
     h = 1e-3
 
-    def central_difference(function: Callable[[float], float]) -> float:
+    def difference(function: Callable[[float], float]) -> float:
         return (function(h) - function(-h)) / (2.0 * h)
 
+    def energy(t: float) -> float:
+        return solid.energy(state + t * direction)
+
+    def work(t: float) -> float:
+        return float(solid.gradient(state + t * direction) @ direction)
+
+    def length(t: float) -> float:
+        return tendon.length(u + t * v)
+
+    def pull(t: float) -> float:
+        return float(np.sum(tendon.gradient(u + t * v) * v))
+
+    stiffness = direction @ (solid.hessian(state) @ direction)
+    tendon_stiffness = v.ravel() @ (tendon.hessian(u) @ v.ravel())
     return [
-        Check(
-            'forces of the solid',
-            float(solid.gradient(state) @ direction),
-            central_difference(lambda t: solid.energy(state + t * direction)),
-            1e-6,
-        ),
-        Check(
-            'stiffness of the solid',
-            float(direction @ (solid.hessian(state) @ direction)),
-            central_difference(lambda t: solid.gradient(state + t * direction) @ direction),
-            1e-6,
-        ),
-        Check(
-            'forces of a tendon',
-            float(np.sum(tendon.gradient(displacement) * displacement_direction)),
-            central_difference(lambda t: tendon.length(displacement + t * displacement_direction)),
-            1e-6,
-        ),
-        Check(
-            'stiffness of a tendon',
-            float(
-                displacement_direction.ravel()
-                @ (tendon.hessian(displacement) @ displacement_direction.ravel())
-            ),
-            central_difference(
-                lambda t: float(
-                    np.sum(
-                        tendon.gradient(displacement + t * displacement_direction)
-                        * displacement_direction
-                    )
-                )
-            ),
-            1e-6,
-        ),
+        Check('forces of the solid', work(0.0), difference(energy), 1e-6),
+        Check('stiffness of the solid', float(stiffness), difference(work), 1e-6),
+        Check('forces of a tendon', pull(0.0), difference(length), 1e-6),
+        Check('stiffness of a tendon', float(tendon_stiffness), difference(pull), 1e-6),
     ]
 
 
@@ -122,9 +104,8 @@ def compression(mesh: Mesh) -> list[Check]:
         stretch = shape.tip[0] / arm.length
         area = solid.area
         expected = brentq(lambda x: _uniaxial_stress(x, ratio) + 10.0 / area, 0.3, 1.0, xtol=1e-14)
-        results.append(
-            Check(f'stretch under axial tension, nu = {ratio}', stretch, expected, 1e-8)
-        )
+        name = f'stretch under axial tension, nu = {ratio}'
+        results.append(Check(name, stretch, expected, 1e-8))
         if ratio == 0.5:
             q = Solver(arm, 'exact').solve([[10.0, 0, 0, 0]]).q[0]
             results.append(Check('axial strain by exact, nu = 0.5', stretch - 1.0, float(q), 2e-3))
@@ -201,12 +182,8 @@ def energy(mesh: Mesh) -> list[Check]:
     solid = ElasticArm(arm, mesh, [0], Contact(0.001, 0.001))
     below, middle, above = solid.follow([[2.0 - h], [2.0], [2.0 + h]])
     slope = (above.potential - below.potential) / (2.0 * h)
+    is_below = middle.potential < 2.0 * arm.length
     return [
         Check('slope of the potential with tension', slope, middle.lengths[0], 1e-6),
-        Check(
-            'potential below that without load',
-            float(middle.potential < 2.0 * arm.length),
-            1.0,
-            0.0,
-        ),
+        Check('potential below that without load', float(is_below), 1.0, 0.0),
     ]
