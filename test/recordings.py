@@ -185,9 +185,9 @@ def tensions_in(
     return [Source(topic).read(reader, config, each) for each in reader.messages([topic])]
 
 
-def assert_alike(found: Sequence[bytes], expected: Sequence[bytes]) -> None:
+def assert_alike(actual: Sequence[bytes], expected: Sequence[bytes]) -> None:
     """Check that messages are equal except for the rounding of their numbers."""
-    for data, other in zip(found, expected, strict=True):
+    for data, other in zip(actual, expected, strict=True):
         assert len(data) == len(other) and data[:12] == other[:12]  # the stamp too
         # Reads everything after the encapsulation as numbers; other fields are equal anyway.
         numbers = [np.frombuffer(each, '<f8', (len(each) - 4) // 8, 4) for each in (data, other)]

@@ -40,9 +40,9 @@ HELICES = (
 )
 
 
-def helical_arm(material: Material = RUBBER, **given: Any) -> Arm:
-    """Return an arm with six tendons in two sections, and other fields of `Arm` as ``given``."""
-    return Arm(material, CONE, HELICES, **given)
+def helical_arm(material: Material = RUBBER, **fields: Any) -> Arm:
+    """Return an arm with six tendons in two sections, and other ``fields`` of `Arm`."""
+    return Arm(material, CONE, HELICES, **fields)
 
 
 HELICAL = helical_arm()

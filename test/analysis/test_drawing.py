@@ -155,9 +155,9 @@ def test_ring_overlaps_unless_its_gap_exceeds_its_thickness():
     gap = 2.0 * np.arcsin(1.05 * RADIUS / 0.05)
     assert overlap_of(arc(0.05, 2.0 * np.pi - gap))[0] is None
     assert overlap_of(arc(0.05, 2.0 * np.pi - 0.9 * gap))[0] is not None
-    found, s = overlap_of(arc(0.05, 2.0 * np.pi))
-    assert found.depth == pytest.approx(2.0 * RADIUS, rel=1e-6)
-    assert_allclose(found.s, [0.0, s[-1]], atol=1e-9)
+    overlap, s = overlap_of(arc(0.05, 2.0 * np.pi))
+    assert overlap.depth == pytest.approx(2.0 * RADIUS, rel=1e-6)
+    assert_allclose(overlap.s, [0.0, s[-1]], atol=1e-9)
     for position in ([[0, 0, 0]], [[0, 0, 0], [1, 0, 0]], np.linspace([0, 0, 0], [0.4, 0, 0], 9)):
         assert overlap_of(position)[0] is None
 
@@ -173,21 +173,21 @@ def test_depth_of_overlap_of_crossing_parts(distance, angle, seed):
     position = np.concatenate([first, far, second])
     quaternion = np.random.default_rng(seed).normal(size=4)
     turn = axes_of(quaternion / np.linalg.norm(quaternion))
-    found, s = overlap_of(position @ turn.T + 0.1)
+    overlap, s = overlap_of(position @ turn.T + 0.1)
     depth = 2.0 * RADIUS - distance
     if depth <= 1e-9:
-        assert found is None or found.depth < 1e-9
+        assert overlap is None or overlap.depth < 1e-9
         return
-    assert found.depth == pytest.approx(depth, abs=1e-9)
+    assert overlap.depth == pytest.approx(depth, abs=1e-9)
     ends = 0.2, s[-1] - 0.2
-    assert_allclose(found.s, ends, atol=1e-6)
+    assert_allclose(overlap.s, ends, atol=1e-6)
 
 
 def test_overlap_of_a_cone_uses_the_local_radii():
     position = arc(0.05, 2.0 * np.pi)
     radius = np.linspace(0.02, 0.004, len(position))
-    found, _ = overlap_of(position, radius)
-    assert found.depth == pytest.approx(0.024, rel=1e-6)
+    overlap, _ = overlap_of(position, radius)
+    assert overlap.depth == pytest.approx(0.024, rel=1e-6)
 
 
 def test_coiled_arm_overlaps_and_the_fetching_arm_does_not():

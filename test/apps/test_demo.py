@@ -30,14 +30,14 @@ NUMBERS = re.compile(r'tip +(\S+) +(\S+) +(\S+) mm .* (\S+) shapes/s')
 
 def processes_with(mark):
     """Return the processes with OCTO_ARM_TEST = ``mark`` in their environment."""
-    found, variable = set(), f'OCTO_ARM_TEST={mark}'.encode()
+    processes, variable = set(), f'OCTO_ARM_TEST={mark}'.encode()
     for path in Path('/proc').glob('[0-9]*/environ'):
         try:
             if variable in path.read_bytes().split(b'\0'):
-                found.add(int(path.parent.name))
+                processes.add(int(path.parent.name))
         except OSError:
             pass  # has ended, or belongs to another user
-    return found
+    return processes
 
 
 class Watched(io.StringIO):

@@ -138,8 +138,8 @@ def test_node_names_wildcards_and_dotted_names_are_read(tmp_path, document):
 @pytest.mark.parametrize('number', ['110000', '1.1e5', '11e+4', '.11E6', '1.1e+5'])
 def test_notations_of_numbers_are_read(tmp_path, number):
     text = changed('youngs_modulus: 110000.0', f'youngs_modulus: {number}')
-    found = read(tmp_path, text).arm.material.youngs_modulus
-    assert found == 110000.0 and isinstance(found, float)
+    modulus = read(tmp_path, text).arm.material.youngs_modulus
+    assert modulus == 110000.0 and isinstance(modulus, float)
     for text in ('0x65', '0X65', '0145'):  # as ROS reads integers
         assert read(tmp_path, changed('stations: 101', f'stations: {text}')).stations == 101
 

@@ -316,8 +316,8 @@ def cells(shape: Backbone, tensions: np.ndarray) -> Measurement:
 
 
 def markers(shape: Backbone, tensions: np.ndarray) -> Measurement:
-    seen = [10, 20, 30]
-    return Markers(shape.s[seen], shape.position[seen] + noise(PLACE, 3, 3), PLACE)
+    stations = [10, 20, 30]
+    return Markers(shape.s[stations], shape.position[stations] + noise(PLACE, 3, 3), PLACE)
 
 
 def good_tip(shape: Backbone, tensions: np.ndarray) -> Measurement:

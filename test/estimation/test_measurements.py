@@ -128,7 +128,7 @@ def test_base_wrench_is_the_sum_of_all_loads():
     model = rubber(EVERYTHING, loads=WEIGHT)
     x = state_of(model)
     at = Prediction(model, x, None)
-    found = -BaseWrench(np.zeros(6), 1.0).innovation(at)
+    wrench_measured = -BaseWrench(np.zeros(6), 1.0).innovation(at)
     # By the trapezoidal rule on a fine grid.
     fine = ArmModel(RUBBER, EVERYTHING, loads=WEIGHT, stations=2001)
     shape = Prediction(fine, x, None).solved
@@ -147,7 +147,7 @@ def test_base_wrench_is_the_sum_of_all_loads():
         [forces.sum(axis=0), np.cross(shape.position, forces).sum(axis=0) + wrench[3:]]
     )
     scale = np.repeat([np.abs(expected[:3]).max(), np.abs(expected[3:]).max()], 3)
-    np.testing.assert_allclose(found / scale, expected / scale, atol=5e-5)
+    np.testing.assert_allclose(wrench_measured / scale, expected / scale, atol=5e-5)
 
 
 @pytest.mark.parametrize(

@@ -30,8 +30,8 @@ def blocks(page, *languages):
     """Return blocks of code of a page with their stated output."""
     fenced = re.findall(r'^```(\S+)\n(.*?)^```', page.read_text(), re.DOTALL | re.MULTILINE)
     fenced = [(name, code) for name, code in fenced if not name.startswith('{')]
-    found = {name for name, _ in fenced}
-    assert found <= LANGUAGES, f'{page.name} has blocks in {found - LANGUAGES}'
+    names = {name for name, _ in fenced}
+    assert names <= LANGUAGES, f'{page.name} has blocks in {names - LANGUAGES}'
     return [
         (code, after[1] if after[0] == 'output' else '')
         for (name, code), after in pairwise([*fenced, ('', '')])
@@ -67,9 +67,9 @@ def assert_prints(printed, stated):
             pattern += f'({NUMBER})'
         else:
             pattern += '.*?' if part == '...' else r'\s+' if part.isspace() else re.escape(part)
-    found = re.fullmatch(pattern, printed, re.DOTALL)
-    assert found, both
-    for number, expected in zip(found.groups(), numbers, strict=True):
+    match = re.fullmatch(pattern, printed, re.DOTALL)
+    assert match, both
+    for number, expected in zip(match.groups(), numbers, strict=True):
         mantissa, _, exponent = expected.partition('e')
         digits = len(mantissa.partition('.')[2]) - int(exponent or 0)
         # Whole numbers are exact; the last digit of others may be rounded differently.

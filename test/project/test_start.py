@@ -134,8 +134,8 @@ def test_missing_ros_is_one_line_of_error():
 )
 def test_missing_extra_is_named(module, commands):
     cases = [('command_line', command.split()) for command in commands]
-    found = run_all(cases, HIDE.format(rf'{module}\\b.*'))
-    for extras, answer in zip(commands.values(), found, strict=True):
+    answers = run_all(cases, HIDE.format(rf'{module}\\b.*'))
+    for extras, answer in zip(commands.values(), answers, strict=True):
         hint = f"install it with: pip install 'octo_arm_model[{extras}]'"
         assert answer == (2, '', f'octo-arm: error: needs {module}; {hint}\n')
 
@@ -185,13 +185,13 @@ BASE = {'numpy', 'scipy', 'yaml', 'octo_arm_model', 'compression'}
 
 def imports(path: Path) -> set[str]:
     """Return the top-level names of the modules that a file imports."""
-    found = set()
+    names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            found.add(node.module or '')
-    return {name.split('.')[0] for name in found}
+            names.add(node.module or '')
+    return {name.split('.')[0] for name in names}
 
 
 def test_every_module_of_an_extra_has_its_hint():

@@ -166,7 +166,7 @@ def outcome(solver: Solver, backbone: Backbone, at: Backbone) -> FloatArray:
     return np.array([*parts, *np.ravel(solver.tendon_lengths(backbone))])
 
 
-def given(change: Change) -> FloatArray:
+def outcome_of(change: Change) -> FloatArray:
     """Return the derivatives of the values of `outcome` from a `Change`."""
     parts = []
     for i in (change.pose.shape[0] // 2, -1):
@@ -219,7 +219,7 @@ def test_derivatives_equal_finite_differences(solved, names):
         return outcome(solver, shape, solved.backbone)
 
     expected = along(outcome_at, np.zeros(1), np.ones(1))
-    columns = np.concatenate([given(change) for change, _ in moves.values()], axis=1)
+    columns = np.concatenate([outcome_of(change) for change, _ in moves.values()], axis=1)
     way = np.concatenate(list(ways.values()))
     analytic, sizes = columns @ way, np.abs(columns) @ np.abs(way)
     # Compare positions, angles, curvatures, strains and lengths, each relative to its largest.
@@ -270,8 +270,8 @@ def test_compliances_are_symmetric_and_reciprocal(name):
         assert eigenvalues.min() > -1e-9 * eigenvalues.max()
     assert np.linalg.eigvalsh(compliance).min() > 0.0
     expected = -sensitivity.by_tension.tip * unit
-    found = sensitivity.by_tip_wrench.tendon_length.T * unit
-    assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+    actual = sensitivity.by_tip_wrench.tendon_length.T * unit
+    assert_allclose(actual, expected, atol=1e-7 * np.abs(expected).max())
 
 
 # Uncertainty -----------------------------------------------------------------------------------
@@ -285,10 +285,10 @@ def test_tip_covariance_is_the_sum_over_all_inputs(solved):
     columns = np.concatenate([size * part.tip for size, part in zip(sizes, parts)], axis=1)
     unit = np.array(3 * [1.0] + 3 * [solved.case.arm.length])[:, np.newaxis]
     expected = columns @ columns.T * unit * unit.T
-    for found in (
+    for actual in (
         by.tip_covariance(deviation),
         solved.solver.tip_covariance(solved.backbone, deviation),
     ):
         assert_allclose(
-            found * unit * unit.T, expected, rtol=0, atol=1e-7 * np.abs(expected).max()
+            actual * unit * unit.T, expected, rtol=0, atol=1e-7 * np.abs(expected).max()
         )

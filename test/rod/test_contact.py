@@ -124,11 +124,11 @@ def test_jacobian_with_contact_equals_finite_differences(name):
     change[:, 3:] *= 0.1
     problem.fill_jacobian(problem.evaluate(at_nodes, z))
     assert not around or problem.contact.report(problem.places()).penetration.min() > 0.1
-    found = (problem.work.jacobian @ change.ravel()).reshape(z.shape)
+    product = (problem.work.jacobian @ change.ravel()).reshape(z.shape)
     expected = jacobian(
         lambda part: problem.evaluate(at_nodes, z + part[0] * change).imbalance, np.zeros(1), 1e-4
     )[..., 0]
-    assert np.abs(found - expected).max(axis=0) == pytest.approx(
+    assert np.abs(product - expected).max(axis=0) == pytest.approx(
         0.0, abs=3e-6 * np.abs(expected).max()
     )
 

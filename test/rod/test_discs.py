@@ -48,15 +48,15 @@ PULL = np.array([[3.0, 0.5, 1.0], [0.2, 4.0, 0.3]])
 WRENCH = np.array([0.05, 0.1, -0.1, 0.002, 0.0, 0.003])
 
 
-def robot(discs: Discs | None = Discs.evenly(5, LENGTH), **given: Any) -> Arm:
+def robot(discs: Discs | None = Discs.evenly(5, LENGTH), **fields: Any) -> Arm:
     """Return a robot of two sections."""
     body = Body(LENGTH, 0.0006, 0.0006, disc_radius=0.015)
-    given = {'material': STEEL, 'sections': SECTIONS, **given}
-    return Arm(body=body, discs=discs or Discs(), **given)
+    fields = {'material': STEEL, 'sections': SECTIONS, **fields}
+    return Arm(body=body, discs=discs or Discs(), **fields)
 
 
-def solver(arm: Arm, **given: Any) -> Solver:
-    return Solver(arm, 'exact', **{'stations': 51, 'material': 'linear', **given})
+def solver(arm: Arm, **options: Any) -> Solver:
+    return Solver(arm, 'exact', **{'stations': 51, 'material': 'linear', **options})
 
 
 def chords_of(solver_: Solver, shape: Backbone) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -143,10 +143,10 @@ def test_displacements_determine_the_tensions_of_any_arm(arm, stiffness):
     result = wound.displacement.ravel()
     assert_allclose(result, list(displacements.values()), atol=1e-9 * plain_arm.length)
     # Rounding of lengths times the stiffness of a tendon is an error of its tension.
-    rounding, found = 1e-14 * stiffness, wound.backbone.tensions
+    rounding, actual = 1e-14 * stiffness, wound.backbone.tensions
     # A tendon may stay slack if its stretch is below 1e-10 of the arm's length.
-    expected = np.where((found == 0.0) & (tensions <= 1e-10 * stiffness), 0.0, tensions)
-    assert_allclose(found, expected, atol=1e-9 * float(tensions.max()) + rounding)
+    expected = np.where((actual == 0.0) & (tensions <= 1e-10 * stiffness), 0.0, tensions)
+    assert_allclose(actual, expected, atol=1e-9 * float(tensions.max()) + rounding)
 
 
 def test_values_without_names_are_refused(table4):

@@ -231,12 +231,12 @@ def test_batch_with_friction_equals_single_solves():
         followed = solver.follow(several, last)
         assert batch.tendon_tensions.shape == (3, batch.s.size, 6)
         for number, tensions in enumerate(several):
-            for found, one in (
+            for shape, one in (
                 (batch, solver.solve(tensions)),
                 (followed, solver.follow(tensions, last)),
             ):
-                assert_allclose(found.position[number], one.position, atol=1e-10)
-                assert_allclose(found.tendon_tensions[number], one.tendon_tensions, atol=1e-9)
+                assert_allclose(shape.position[number], one.position, atol=1e-10)
+                assert_allclose(shape.tendon_tensions[number], one.tendon_tensions, atol=1e-9)
 
 
 # Derivatives ------------------------------------------------------------------------------------
@@ -301,8 +301,8 @@ def test_derivatives_of_sticking_and_straight_tendons_are_refused(model):
 def test_find_tensions_works_with_friction(model):
     solver = Solver(uniform((0.0, 2.0, 4.0), 0.2), model, 31)
     goal = solver.solve([[0.5, 0.3, 0.0]]).tip
-    found = find_tensions(solver, TipPosition(tuple(goal)), 2.0)
-    assert_allclose(solver.solve(found.backbone.tensions).tip, goal, atol=1e-6)
+    result = find_tensions(solver, TipPosition(tuple(goal)), 2.0)
+    assert_allclose(solver.solve(result.backbone.tensions).tip, goal, atol=1e-6)
 
 
 # In sheaths --------------------------------------------------------------------------------------
@@ -429,12 +429,12 @@ def test_estimated_sheath_stiffness_equals_plane_elasticity():
 
 
 @pytest.mark.parametrize(
-    ('given', 'problem'),
+    ('values', 'problem'),
     [
         ((0.0, 0.01, 1e5), 'thread_radius is 0.0, expected a finite number > 0'),
         ((0.006, 0.01, 1e5), 'thread_radius is 0.006, expected at most 0.5 of the radius'),
     ],
 )
-def test_estimate_of_invalid_radii_is_refused(given, problem):
+def test_estimate_of_invalid_radii_is_refused(values, problem):
     with pytest.raises(ArmDefinitionError, match=problem):
-        estimate_sheath_stiffness(*given)
+        estimate_sheath_stiffness(*values)

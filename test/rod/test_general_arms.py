@@ -82,9 +82,9 @@ def test_tables_and_functions_describe_the_same_arm(model):
     pulls = [[0.5, 0.2, 0.0, 0.0]]
     expected = Solver(plain, model).solve(pulls)
     for arm in (tabulated, functions):
-        got = Solver(arm, model).solve(pulls)
-        assert_allclose(got.position, expected.position, atol=1e-8)
-        assert_allclose(got.k, expected.k, rtol=1e-7)
+        shape = Solver(arm, model).solve(pulls)
+        assert_allclose(shape.position, expected.position, atol=1e-8)
+        assert_allclose(shape.k, expected.k, rtol=1e-7)
 
 
 def test_tensions_of_unequal_sections_are_flat_or_rows():

@@ -74,12 +74,12 @@ def scaled(loads: Loads, factor: float) -> Loads:
     return mapped(loads, lambda vector: factor * vector)
 
 
-def assert_same(found: Backbone, expected: Backbone, atol: float) -> None:
-    assert_allclose(found.position, expected.position, atol=atol)
-    overlap = np.abs((found.quaternion * expected.quaternion).sum(axis=-1))
+def assert_same(shape: Backbone, expected: Backbone, atol: float) -> None:
+    assert_allclose(shape.position, expected.position, atol=atol)
+    overlap = np.abs((shape.quaternion * expected.quaternion).sum(axis=-1))
     assert_allclose(overlap, 1.0, atol=atol)
     for name in ('tau', 'xi', 'k', 'q'):
-        a, b = getattr(found, name), getattr(expected, name)
+        a, b = getattr(shape, name), getattr(expected, name)
         assert_allclose(a, b, atol=100 * atol * (np.abs(b).max() + 1.0))
 
 
@@ -346,8 +346,8 @@ def test_positions_have_the_accuracy_of_the_solver(table4):
     largest = np.array([[0.3], [2.0], [6.0]])
     for _ in range(4):
         tensions = largest * random.uniform(size=(3, 4)) * random.integers(0, 2, (3, 4))
-        found, expected = (solver.solve(tensions).position for solver in (usual, fine))
-        assert np.abs(found - expected).max() <= 1e-8 * table4.arm.length
+        usual_shape, expected = (solver.solve(tensions).position for solver in (usual, fine))
+        assert np.abs(usual_shape - expected).max() <= 1e-8 * table4.arm.length
 
 
 # Boundary value solver -------------------------------------------------------------------------

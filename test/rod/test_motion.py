@@ -345,12 +345,12 @@ def test_motion_is_independent_of_the_position_of_the_base(friction):
         loads = Loads(gravity=GRAVITY, fluid_density=500.0, obstacles=(floor,))
         dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5, base=Pose(tuple(at)), loads=loads))
         state = swing(dynamics, dynamics.at_rest(Inputs(SLACK)), Inputs(0.2 * PULL), 0.02)
-        moved = Pose(tuple(at + [0.0, 0.0, 1e-4]))
-        state = dynamics.step(state, Inputs(0.2 * PULL, base=moved), 2e-3)
+        base = Pose(tuple(at + [0.0, 0.0, 1e-4]))
+        state = dynamics.step(state, Inputs(0.2 * PULL, base=base), 2e-3)
         ends.append((dynamics.backbone(state).position - at, dynamics.contacts(state).force))
     assert ends[0][1][0, 2] > 0.01
-    for found, expected in zip(*ends[::-1], strict=True):
-        np.testing.assert_allclose(found, expected, atol=1e-8)
+    for actual, expected in zip(*ends[::-1], strict=True):
+        np.testing.assert_allclose(actual, expected, atol=1e-8)
 
 
 def test_loops_and_arrays_give_the_same_motion():
@@ -399,15 +399,15 @@ def test_inputs_change_linearly_and_steps_adapt_to_fast_motion():
     solver = Solver(TABLE4, 'exact', stations=5, loads=Loads(fluid_density=1022.0))
     dynamics = Dynamics(solver, WATER)
     first = dynamics.at_rest(Inputs(SLACK))
-    moved = Pose((2e-4, 0.0, 1e-4), (0.0, 0.0, math.sin(1e-3), math.cos(1e-3)))
+    base = Pose((2e-4, 0.0, 1e-4), (0.0, 0.0, math.sin(1e-3), math.cos(1e-3)))
     half = Pose((1e-4, 0.0, 5e-5), (0.0, 0.0, math.sin(5e-4), math.cos(5e-4)))
     wrench, current = np.array([0.0, 1e-4, 0.0, 0.0, 0.0, 1e-6]), (0.0, 0.02, 0.0)
     calm = dynamics.step(
         first, Inputs(0.01 * PULL, {}, 0.5 * wrench, (0.0, 0.01, 0.0), half), 1e-3
     )
-    calm = dynamics.step(calm, Inputs(0.02 * PULL, {}, wrench, current, moved), 1e-3)
-    given = Inputs(0.02 * PULL, {}, wrench, current, moved)
-    by_parts = dynamics.go_on(first, given, 2e-3, 1e-3)
+    calm = dynamics.step(calm, Inputs(0.02 * PULL, {}, wrench, current, base), 1e-3)
+    inputs = Inputs(0.02 * PULL, {}, wrench, current, base)
+    by_parts = dynamics.go_on(first, inputs, 2e-3, 1e-3)
     np.testing.assert_allclose(by_parts.place[0], calm.place[0], atol=1e-8)
     np.testing.assert_allclose(by_parts.water[0], current)
 

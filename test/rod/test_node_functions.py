@@ -47,7 +47,7 @@ def test_both_forms_compute_the_same(name, level):
 
 
 @pytest.mark.parametrize(
-    ('model', 'given'),
+    ('model', 'changes'),
     [
         ('renda2012', {}),
         ('closed_form', {}),
@@ -58,11 +58,11 @@ def test_both_forms_compute_the_same(name, level):
     ],
     ids=lambda value: value if isinstance(value, str) else ' '.join(value) or 'plain',
 )
-def test_both_forms_find_the_same_shape(table4, model, given):
+def test_both_forms_find_the_same_shape(table4, model, changes):
     pytest.importorskip('numba')
-    arm, shapes = dataclasses.replace(table4.arm.with_density(1080.0), **given), []
+    arm, shapes = dataclasses.replace(table4.arm.with_density(1080.0), **changes), []
     loads = Loads(gravity=(0.0, 0.0, -9.81)) if model == 'exact' else Loads()
-    tensions = (0.02 if 'discs' in given else 0.5) * np.array(FETCHING_IN_SPACE)
+    tensions = (0.02 if 'discs' in changes else 0.5) * np.array(FETCHING_IN_SPACE)
     for compiled in (False, True):
         solver = Solver(arm, model, 31, loads=loads, compiled=compiled)
         shapes.append(solver.solve(tensions))

@@ -199,9 +199,9 @@ def test_derivatives_beyond_the_papers_models_are_refused(table4, papers_model):
 def test_find_tensions_works_with_the_papers_models(table4, papers_model):
     solver = Solver(table4.arm, papers_model, 31)
     target = solver.solve(0.5 * TENSIONS).tip
-    found = find_tensions(solver, TipPosition(target), [[0.5], [4.0], [13.0]])
-    assert found.reached
-    assert_allclose(solver.solve(found.backbone.tensions).tip, target, atol=1e-6)
+    result = find_tensions(solver, TipPosition(target), [[0.5], [4.0], [13.0]])
+    assert result.reached
+    assert_allclose(solver.solve(result.backbone.tensions).tip, target, atol=1e-6)
 
 
 def test_model_error_is_added_to_the_covariance(table4, papers_model):

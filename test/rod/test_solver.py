@@ -231,7 +231,7 @@ NO_ROWS = r'numbers in rows of equal length.*\(\.\.\., 3, 4\)'
 
 
 @pytest.mark.parametrize(
-    ('given', 'message'),
+    ('tensions', 'message'),
     [
         *(
             (
@@ -260,9 +260,9 @@ NO_ROWS = r'numbers in rows of equal length.*\(\.\.\., 3, 4\)'
         ),
     ],
 )
-def test_invalid_tensions_are_refused(table4, given, message):
+def test_invalid_tensions_are_refused(table4, tensions, message):
     with pytest.raises(TensionError, match=message):
-        table4.solver('closed_form').solve(given)
+        table4.solver('closed_form').solve(tensions)
 
 
 def test_sensitivity_of_a_batch_is_refused(table4):

@@ -83,8 +83,8 @@ class Case:
         for step in self.steps:
             wrench, tensions = step.get('tip_wrench'), step.get('tensions')
             if 'displacements' in step:
-                given = step['displacements'], tensions
-                last = solve_displacements(solver, *given, start=last, tip_wrench=wrench)
+                args = step['displacements'], tensions
+                last = solve_displacements(solver, *args, start=last, tip_wrench=wrench)
             elif step.get('follow'):
                 last = solver.follow(tensions, last, wrench)
             else:
@@ -94,7 +94,7 @@ class Case:
         near = np.abs(shape.s - np.array(self.s)[:, np.newaxis])
         assert (near.min(axis=1) <= 1e-9 * shape.s[-1]).all()
         at = near.argmin(axis=1)
-        found = {
+        values = {
             'position': shape.position[at],
             'quaternion': shape.quaternion[at],
             'strain': np.stack([shape.tau, shape.xi, shape.k, shape.q], -1)[at],
@@ -104,21 +104,21 @@ class Case:
             'displacement': displacements_of(solver, shape).ravel(),
             'tips': np.array(tips),
         }
-        if set(self.expected) <= set(found):
-            return found
+        if set(self.expected) <= set(values):
+            return values
         if isinstance(last, Wound):
             wound = wound_sensitivity(solver, last)
-            own, found['by_displacement'] = wound.held, wound.by_displacement.tip
-            found['covariance'] = wound.tip_covariance(config.uncertainty)
+            sensitivity, values['by_displacement'] = wound.held, wound.by_displacement.tip
+            values['covariance'] = wound.tip_covariance(config.uncertainty)
         else:
-            own = solver.sensitivity(shape)
+            sensitivity = solver.sensitivity(shape)
             if 'covariance' in self.expected:
-                found['covariance'] = solver.tip_covariance(shape, config.uncertainty)
-        found['length_by_tension'] = own.by_tension.tendon_length
-        for name in set(self.expected) - set(found):
-            change = getattr(own, name)
-            found[name] = change if name == 'compliance' else change.tip
-        return found
+                values['covariance'] = solver.tip_covariance(shape, config.uncertainty)
+        values['length_by_tension'] = sensitivity.by_tension.tendon_length
+        for name in set(self.expected) - set(values):
+            change = getattr(sensitivity, name)
+            values[name] = change if name == 'compliance' else change.tip
+        return values
 
     def tolerance(self, quantity: str) -> np.ndarray:
         """Return the tolerance of each value of a ``quantity``."""

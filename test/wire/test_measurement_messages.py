@@ -57,8 +57,8 @@ def pose_of(frame: str, stamp_ns: int) -> Pose:
 
 def read(message: Any, values: dict[str, Any] = VALUES, **changes: Any) -> Measurement:
     """Read the measurement of an arm with ``changes``; only the frame 'camera' is known."""
-    known = pose_of if message.header.frame_id == 'camera' else None
-    return READERS[message.__msgtype__](message, arm(values, known, **changes))
+    frames = pose_of if message.header.frame_id == 'camera' else None
+    return READERS[message.__msgtype__](message, arm(values, frames, **changes))
 
 
 @pytest.fixture(scope='module')
@@ -116,10 +116,11 @@ def messages(truth: Prediction, frame: str) -> tuple[Any, Any, Any]:
 
 @pytest.mark.parametrize('frame', [FRAME, '', 'camera'])
 def test_exact_sensors_leave_no_innovation_in_any_frame(truth, frame):
-    found = [read(message) for message in messages(truth, frame)]
-    for one in found:
-        assert_allclose(one.innovation(truth), 0.0, atol=1e-9, err_msg=one.name)
-    assert_allclose(found[0].covariance, np.diag(VARIANCES), rtol=0.0, atol=1e-9 * VARIANCES.max())
+    values = [read(message) for message in messages(truth, frame)]
+    for value in values:
+        assert_allclose(value.innovation(truth), 0.0, atol=1e-9, err_msg=value.name)
+    tip = values[0]
+    assert_allclose(tip.covariance, np.diag(VARIANCES), rtol=0.0, atol=1e-9 * VARIANCES.max())
 
 
 def test_noise_of_a_wrench_is_transformed_with_its_frame(truth):
@@ -315,12 +316,12 @@ def test_length_of_errors_is_bounded():
 
 
 def test_number_of_counted_reasons_is_bounded():
-    found = Refusals()
+    refusals = Refusals()
     for number in range(10_000):
-        found.count('/a', f'unknown tendon {"x" * number}')
-    assert found.total == 10_000
-    assert len(found.counts) <= 51
-    assert found.of('/a')['other reasons'] == 9_950
+        refusals.count('/a', f'unknown tendon {"x" * number}')
+    assert refusals.total == 10_000
+    assert len(refusals.counts) <= 51
+    assert refusals.of('/a')['other reasons'] == 9_950
 
 
 def test_unset_stamp_has_no_time():
