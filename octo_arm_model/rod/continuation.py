@@ -243,7 +243,8 @@ def judge(problem: Problem, state: State) -> Verdict:
     if not stability.is_stable and not problem.has_energy(state.condition):
         with contextlib.suppress(ConvergenceError):
             stability = Stability(factorise(problem.work.jacobian.copy()).sign > 0, False)
-    return Verdict(state, LazyFactors(problem.work.jacobian.copy()), stability, variation)
+    factors = LazyFactors(problem.work.jacobian.copy(), state.z)
+    return Verdict(state, factors, stability, variation)
 
 
 def tolerance_of(problem: Problem) -> float:

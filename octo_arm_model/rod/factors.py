@@ -110,11 +110,16 @@ class RecentFactors:
 
 
 class LazyFactors:
-    """Factors of a Jacobian that is factorised when a solution is first asked for."""
+    """Factors of a Jacobian that is factorised when a solution is first asked for.
 
-    def __init__(self, jacobian: FloatArray) -> None:
-        """Keep a ``jacobian`` (n, n), which must not change any more."""
+    Attributes:
+        z: the twists at which the Jacobian was computed.
+    """
+
+    def __init__(self, jacobian: FloatArray, z: FloatArray) -> None:
+        """Keep a ``jacobian`` (n, n) at twists ``z``, which must not change any more."""
         self._jacobian: FloatArray | None = jacobian
+        self.z = z
         self._factors: Factors | None = None
 
     def solve(self, right: FloatArray) -> FloatArray:

@@ -182,7 +182,7 @@ class Rod:
         self, target: Condition, start: Equilibrium | None, spending: Spending
     ) -> Equilibrium:
         """Find a stable equilibrium under loads, on enough nodes for the accuracy."""
-        start = self.at_least(start, target.before)
+        start = self.on_start_level(start, target.before)
         equilibrium = None if start is None else self._from_start(target, start, spending)
         if equilibrium is None and start is not None and start.guess is not None:
             raise ContinuationError('one search', 0.0, start.state.residual, spending.iterations)
@@ -216,15 +216,38 @@ class Rod:
         interpolated = moved(before, self._fine(given_level), self._fine(level))
         return condition._replace(before=interpolated)
 
-    def at_least(self, start: Equilibrium | None, before: FloatArray | None) -> Equilibrium | None:
-        """Return ``start`` on a level that is no coarser than that of the tensions ``before``."""
-        if start is None or before is None or (level := self.level_of(before)) <= start.level:
-            return start
-        coarse, fine = self.problem(start.level), self.problem(level)
-        z = moved(start.state.z, coarse.elements, fine.elements)
-        condition = self.at_level(start.state.condition, level)
-        state = fine.evaluate(fine.at_nodes(condition), z)
-        return Equilibrium(state, level, None, None, start.iterations)
+    def on_level(self, equilibrium: Equilibrium, level: int) -> Equilibrium:
+        """Return ``equilibrium`` with its twists interpolated to the nodes of a ``level``."""
+        before, after = self.problem(equilibrium.level), self.problem(level)
+
+        def on_nodes(z: FloatArray) -> FloatArray:
+            return moved(z, before.elements, after.elements)
+
+        condition = self.at_level(equilibrium.state.condition, level)
+        state = after.evaluate(after.at_nodes(condition), on_nodes(equilibrium.state.z))
+        guess = None if equilibrium.guess is None else on_nodes(equilibrium.guess)
+        return Equilibrium(state, level, None, None, equilibrium.iterations, guess=guess)
+
+    def on_start_level(
+        self, start: Equilibrium | None, before: FloatArray | None
+    ) -> Equilibrium | None:
+        """Return ``start`` on the coarsest level that resolves it, or on that of ``before``.
+
+        A shape that took many nodes would otherwise make all later searches as slow.
+        """
+        if start is None:
+            return None
+        least = 0 if before is None else max(self.level_of(before), 0)
+        if start.level < least:
+            return self.on_level(start, least)
+        while start.level > least:
+            if start.firm_state is not None and start.firm_state is not start.state:
+                break  # It is close to a firm state, and has its level.
+            coarser = self.on_level(start, start.level - 1)
+            if not self.is_resolved(self.problem(coarser.level), coarser.state, coarser.level):
+                break
+            start = coarser
+        return start
 
     def first_level(self, start: Equilibrium | None, target: Condition) -> int:
         """Return the level on which a search begins."""

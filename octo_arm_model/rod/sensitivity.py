@@ -256,8 +256,8 @@ class Linearisation:
         state, factors = equilibrium.state, equilibrium.factors
         problem.others.require_tangents('sensitivity')
         self.state, self.tension = state, problem.tension_derivatives(state)
-        # The test of its stability has already linearised this state.
-        if state is equilibrium.firm_state and isinstance(factors, LazyFactors):
+        # The test of its stability may have linearised this state already.
+        if isinstance(factors, LazyFactors) and factors.z is state.z:
             self.factors = factors.factors()
         else:
             self.factors = problem.linearise(state)

@@ -330,7 +330,8 @@ class Exact(Statics):
         equilibrium = self.rod.solve(target, restart, spending)
         if restart is not None and restart.key and restart.factors is None:
             # The next solve that starts from this shape begins with these factors.
-            self._keep(restart.key, equilibrium)
+            if restart.level == equilibrium.level:
+                self._keep(restart.key, equilibrium)
         return self.shape(equilibrium)
 
     def _loaded(self, tip_wrenches: FloatArray) -> bool:

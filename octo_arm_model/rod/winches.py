@@ -65,7 +65,7 @@ class Winches:
         )
         search = _Search(self._rod, self.equations, target, spending)
         with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-            equilibrium = search.find(self._rod.at_least(start, target.before))
+            equilibrium = search.find(self._rod.on_start_level(start, target.before))
             problem = self.equations(equilibrium.level).problem
             check_solution(problem, equilibrium.state, not search.is_free(target))
         return equilibrium
@@ -218,8 +218,10 @@ class _Search:
         rod, target, level = self._rod, self._target, self._rod.first_level(None, self._target)
         condition, equations = rod.at_level(target, level), self._equations(level)
         if rod.has_obstacles:
-            # Loads act from the beginning, because they press the arm against the obstacles.
-            return self._search(target, self._under_tensions(condition.tensions, condition, None))
+            # Loads act from the beginning, because they press the arm against the obstacles. The
+            # search may need fewer nodes than its start.
+            start = self._under_tensions(condition.tensions, condition, None)
+            return self._search(target, rod.on_level(start, level))
         free = condition._replace(tip_wrench=np.zeros(6), factor=0.0)
         if condition.before is None and not condition.tensions.any():
             initial = Equilibrium(equations.slack[0], level, equations.slack[1], None, 0)

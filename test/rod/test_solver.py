@@ -9,6 +9,7 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from rods import HELICAL, PULL, helical_arm
 from scipy.spatial.transform import Rotation
 from strategies import scaled
 
@@ -402,3 +403,38 @@ def test_layout_and_type_of_arrays_do_not_matter(table4):
         MIXED.astype(object),
     ):
         assert_array_equal(solver.solve(same).tip, solver.solve(MIXED).tip)
+
+
+# What a solver has solved before -----------------------------------------------------------------
+
+
+def test_derivatives_of_an_old_solution_are_its_own_after_many_others(table4):
+    arm, loads = table4.arm.with_density(1080.0), Loads((0.0, 0.0, -9.81), 1000.0)
+    solver = Solver(arm, 'exact', 11, loads=loads)
+    old = solver.solve(MIXED)
+    expected = Solver(arm, 'exact', 11, loads=loads).sensitivity(old).by_tension.tip
+    for part in np.linspace(0.2, 0.6, 40):
+        solver.solve(part * MIXED)
+    solver.solve(0.5 * MIXED, start=old)
+    assert_allclose(solver.sensitivity(old).by_tension.tip, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize('loads', [Loads(), Loads((0.0, 0.0, -1.0))], ids=['alone', 'weight'])
+def test_a_refused_pull_leaves_no_trace_in_the_lengths_of_slack_tendons(loads):
+    arm = helical_arm(sheath_stiffness=(2e3,))
+    solver, pull = Solver(arm, 'exact', 11, loads=loads), np.array([[0.0, 0.05, 0], [0, 0, 0.05]])
+    before = solver.solve(pull)
+    lengths = solver.tendon_lengths(before)
+    with pytest.raises(SolveError):
+        solver.solve([[10.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    assert_allclose(solver.tendon_lengths(solver.solve(pull)), lengths, rtol=1e-12)
+    assert np.isfinite(solver.sensitivity(before).by_tension.tendon_length).all()
+
+
+def test_an_arm_is_followed_on_as_many_nodes_as_its_shape_needs():
+    solver, last, nodes = Solver(HELICAL, 'exact', 11, loads=Loads((0.0, 0.0, -9.81))), None, []
+    for part in (0.0, 0.3, 0.6, 1.0, 0.6, 0.3, 0.0):
+        last = solver.follow(part * PULL, last)
+        nodes.append(solver.local_tensions(last).shape[1])
+        assert_allclose(last.tip, solver.solve(part * PULL).tip, atol=1e-8 * HELICAL.length)
+    assert min(nodes) == nodes[3] < nodes[0] == nodes[-1]
