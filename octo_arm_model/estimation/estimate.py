@@ -118,7 +118,7 @@ class Estimate:
     def backbone(self) -> Backbone:
         """Shape in the mean state, with the estimated tensions and wrench on the tip.
 
-        It is of first order about a state at most a tenth of a standard deviation away.
+        It is of first order about a state less than a standard deviation away.
         """
         return self.prediction.backbone_at(self.mean)
 

@@ -25,10 +25,9 @@ from octo_arm_model.estimation.gaussian import Gaussian, lower_root, solve_lower
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
 
-_TOLERANCE = 0.1  # last step, in standard deviations per component
+_TOLERANCE = 0.3  # last step, in standard deviations per component
 # The same if second order changes values and derivatives by less, over the noise.
 _STRAIGHT, _OFF, _TURNED = 3.0, 0.1, 0.3
-_ROUGH = 0.3  # last step with a raised noise
 _NOISE_FACTORS = (100.0, 10.0)  # factors on the noise, one after the other
 _INNER_STEPS = 8  # largest number of steps within a local model
 _SLACK = 0.01  # allowed rise of the cost by a step, per component
@@ -143,7 +142,7 @@ def agree(
             pass  # on the way from here
     for factor in _NOISE_FACTORS:
         blurred = rows.blurred(factor)
-        prediction = _fit(_Local(prior, blurred, agreement, prediction), work, _ROUGH).prediction
+        prediction = _fit(_Local(prior, blurred, agreement, prediction), work).prediction
     return _fit(_Local(prior, rows, agreement, prediction), work)
 
 
@@ -278,9 +277,9 @@ class _Local:
             scale *= 0.5
         return None
 
-    def is_converged(self, step: _Step, tolerance: float) -> bool:
+    def is_converged(self, step: _Step) -> bool:
         """Return whether a ``step`` is short, or measurements are nearly linear along it."""
-        if step.size <= tolerance:
+        if step.size <= _TOLERANCE:
             return True
         is_straight = self.prediction.model.state.is_geometric and step.size <= _STRAIGHT
         if self.second is None or not is_straight:
@@ -305,10 +304,10 @@ class _Local:
         return self.agreement.after(float(white @ form @ white), float(shift @ shift), stddev)
 
 
-def _fit(local: _Local, work: Work, tolerance: float = _TOLERANCE) -> Fit:
+def _fit(local: _Local, work: Work) -> Fit:
     """Return the mean, by iteration from a ``local`` model."""
     step, is_converged = local.step(), True
-    while is_converged and not local.is_converged(step, tolerance):
+    while is_converged and not local.is_converged(step):
         if (new_local := local.moved_towards(local.target_mean(step), work)) is None:
             is_converged = False
         else:
