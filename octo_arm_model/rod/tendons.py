@@ -76,7 +76,7 @@ class Tendons:
         self._compliance, self._offset = tables.compliance, np.zeros_like(self._r)
         self.has_sheaths = bool(tables.compliance.any())
         if self.has_sheaths:
-            # Node functions do not update the offsets of tendons without tension, which may be NaN.
+            # Node functions leave the offsets of tendons without tension as they were, even NaN.
             self._offset = np.where(self.tension != 0.0, offsets.transpose(2, 0, 1), 0.0)
             self._r = self._r + self._offset
         u = self._u(self._r, self._slope)
