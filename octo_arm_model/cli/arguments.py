@@ -15,6 +15,7 @@ from octo_arm_model.arm.material import LAWS, WATERS, WaterCoefficients
 from octo_arm_model.arm.validation import within
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.parameter_files import load_parameters
+from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.rod.displacements import check_displacements
 from octo_arm_model.rod.motion import STEPS
 from octo_arm_model.rod.solver import MODELS
@@ -246,6 +247,10 @@ def _read(
         'loads.tip_frame': options.tip_frame,
     }
     parameters = load_parameters(options.config)
+    if options.fluid_density == 0.0:  # What the file says of its water does not hold then.
+        for parameter in PARAMETERS:
+            if 'loads.fluid_density' in parameter.needs:
+                parameters.pop(parameter.name, None)
     parameters |= {name: value for name, value in replacements.items() if value is not None}
     parameters |= motion or {}
     parameters = {name: value for name, value in parameters.items() if value is not None}

@@ -244,7 +244,7 @@ class Rod:
             if start.firm_state is not None and start.firm_state is not start.state:
                 break  # It is close to a firm state, and has its level.
             coarser = self.on_level(start, start.level - 1)
-            if not self.is_resolved(self.problem(coarser.level), coarser.state, coarser.level):
+            if not self.is_resolved(coarser.state, coarser.level):
                 break
             start = coarser
         return start
@@ -420,23 +420,20 @@ class Rod:
         self, equilibrium: Equilibrium, target: Condition, spending: Spending
     ) -> Equilibrium:
         """Return the ``equilibrium`` in the condition ``target``, on enough nodes."""
-        state, level = equilibrium.state, equilibrium.level
-        while not self.is_resolved(self.problem(level), state, level):
-            problem = self.problem(level + 1)
-            z = moved(state.z, self.problem(level).elements, problem.elements)
-            level += 1
-            condition = self.at_level(target, level)
-            verdict = follow(problem, condition, z, condition, spending)
-            equilibrium = self._equilibrium(verdict, level, spending.iterations)
-            state = equilibrium.state
+        while not self.is_resolved(equilibrium.state, equilibrium.level):
+            finer = self.on_level(equilibrium, equilibrium.level + 1)
+            problem, condition = self.problem(finer.level), self.at_level(target, finer.level)
+            verdict = follow(problem, condition, finer.state.z, condition, spending)
+            equilibrium = self._equilibrium(verdict, finer.level, spending.iterations)
         return equilibrium
 
-    def is_resolved(self, problem: Problem, state: State, level: int) -> bool:
-        """Whether ``state`` on a ``level`` is as accurate as required.
+    def is_resolved(self, state: State, level: int, problem: Problem | None = None) -> bool:
+        """Whether ``state`` on a ``level``, of this or another ``problem``, is accurate enough.
 
         Raises:
             SolveError: if it is not, and there is no finer level.
         """
+        problem = problem or self.problem(level)
         error = problem.position_error(state.z)
         allowed = self.setting.accuracy
         if problem.contact is not None:

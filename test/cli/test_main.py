@@ -223,6 +223,15 @@ def test_loads_and_material_may_be_said_on_the_command_line(cli, table4):
     assert shape['iterations'] == int(expected.iterations) > 0
 
 
+def test_an_arm_of_the_water_may_be_in_air(cli, tmp_path):
+    file, water = tmp_path / 'arm.yaml', {'loads.fluid_density': 1e3, 'motion.water': 'cylinder'}
+    file.write_text(parameters_as_yaml(load_parameters('renda2012_table4') | water))
+    options = ['--json', *'--model exact --gravity 0 0 -9.81 --density 1080'.split()]
+    in_air = cli.json(*SOLVE, TENSIONS, *options)
+    again = cli.json('solve', file, *SOLVE[2:], TENSIONS, *options, '--fluid-density', '0')
+    assert again['position'] == in_air['position']
+
+
 def test_tensions_by_name_are_those_of_rows_without_the_slack_tendons(cli):
     (rows,) = np.nonzero(np.ravel(FETCHING_IN_SPACE))
     tendons = [f'tendon_{1 + row // 4}_{1 + row % 4}' for row in rows]
