@@ -191,7 +191,7 @@ def send_valid(client: Client, process: subprocess.Popen[bytes], count: int) -> 
     random = np.random.default_rng(1)
     sets = random.uniform(0.0, 1.0, (200, *CONFIG.arm.tension_shape)) * SCALE
     warm_up = max(count // 20, 500)
-    memory = 0.0
+    memory, before = 0.0, client.wait_for_count()
     for number in range(count):
         # Half one by one, half in bursts faster than the node can answer.
         if number % 2000 < 1000:
@@ -202,7 +202,7 @@ def send_valid(client: Client, process: subprocess.Popen[bytes], count: int) -> 
             client.answers.clear()
         if number == warm_up:
             memory = megabytes(process.pid)
-    totals = client.wait_for_count()
+    totals = {key: total - before[key] for key, total in client.wait_for_count().items()}
     memory_rise = megabytes(process.pid) - memory
     return [
         f'{count} valid messages',
@@ -494,13 +494,13 @@ def run(part: float) -> list[list[str]]:
         client.close()
         process.send_signal(signal.SIGINT)
         end(process, {0})
-    for row in (
-        record_everything(new_domain(), max(60.0 * part, 2.0)),
-        run_eight_arms(new_domain(), max(10.0 * part, 1.0)),
-        soak_motion.soak(max(600.0 * part, 5.0)),
+    for measure in (
+        lambda: record_everything(new_domain(), max(60.0 * part, 2.0)),
+        lambda: run_eight_arms(new_domain(), max(10.0 * part, 1.0)),
+        lambda: soak_motion.soak(max(600.0 * part, 5.0)),
     ):
-        rows.append(row)
-        print(*row, sep=': ', flush=True)
+        rows.append(measure())
+        print(*rows[-1], sep=': ', flush=True)
     return rows
 
 
