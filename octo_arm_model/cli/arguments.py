@@ -255,6 +255,8 @@ def _read(
     parameters |= motion or {}
     parameters = {name: value for name, value in parameters.items() if value is not None}
     config = Config.from_parameters(parameters)
+    if not any(np.any(parameters.get(f'loads.tip_{part}', 0.0)) for part in ('force', 'moment')):
+        refuse_without_effect(options, ('--tip-frame',), 'without --tip-force or --tip-moment')
     if not (any(config.loads.gravity) or moves):
         refuse_without_effect(options, ('--density', '--fluid-density'), 'without --gravity')
     return config, parameters

@@ -238,7 +238,7 @@ loads.tip_force | double[] | [0.0, 0.0, 0.0]
     force on the tip in base_frame [N]
 loads.tip_moment | double[] | [0.0, 0.0, 0.0]
     moment on the tip in base_frame [N m]
-loads.tip_frame | string | 'base' | base or tip | choice | with loads.tip_force loads.tip_moment
+loads.tip_frame | string | 'base' | base or tip | choice
     axes of tip_force and tip_moment: base for base_frame, or tip for t, n and b of the tip,
     which turn with it
 loads.point_s | double[] | [] | in [0, body.length] | most {MAX_POINT_LOADS}

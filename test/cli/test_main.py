@@ -42,7 +42,7 @@ REEL = f'solve {TABLE4} --displacements'
             f'{PULLED} --model exact --tip-force 0 1e6 0',
             'loads.tip_force is (0.0, 1000000.0, 0.0), expected at most 138.2 N',
         ),
-        (f'{PULLED} --model exact --tip-frame tip', "'base' or no value without loads.tip_force"),
+        (f'{PULLED} --model exact --tip-frame tip', 'no effect without --tip-force or --tip-mo'),
         (f'inverse {TABLE4}', 'expected either --tip X Y Z or --bend PLANE ANGLE'),
         (
             f'inverse {TABLE4} --bend 0 9 --model closed_form --stiffness 0 0 1 1',

@@ -182,7 +182,7 @@ def test_node_with_friction_of_obstacles_is_refused():
 def valid_value(parameter: Parameter) -> Any:
     """Return a valid value of a ``parameter``."""
     value = {float: 0.25, int: 2, str: 'linear'}[parameter.kind]
-    value = {'motion.water': 'cylinder', 'loads.tip_frame': 'tip'}.get(parameter.name, value)
+    value = 'cylinder' if parameter.name == 'motion.water' else value
     return [value] if parameter.is_array else value
 
 
