@@ -332,7 +332,7 @@ def _check_tendons(problem: Problem, state: State) -> None:
 
 def _check_stable(problem: Problem, state: State) -> None:
     """Refuse an equilibrium without loads that is not a minimum of the energy."""
-    problem.form.sections(problem.tables, state.z, state.at_nodes.tensions, problem.work)
+    problem.compute_sections(state)
     least = np.linalg.eigvalsh(problem.work.hessian)[:, 0]
     _refuse(problem, ~(least > 0.0), 'bend the arm without end', 'sheaths are')
 

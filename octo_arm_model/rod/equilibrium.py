@@ -359,6 +359,17 @@ class Problem:
         self.orient(z)
         return float(self.form.poses(self.tables, z, self._tip, self.work)[2][0])
 
+    def compute_sections(self, state: State) -> None:
+        """Fill `work` with gradient and Hessian of the energy of the sections in ``state``."""
+        if self._current is not state.z:
+            self._current = None
+        self.form.sections(self.tables, state.z, state.at_nodes.tensions, self.work)
+
+    def balance_sections(self, tensions: FloatArray, z: FloatArray) -> tuple[float, int]:
+        """Find the twists ``z`` of sections under ``tensions`` (N, J): see `balance_sections`."""
+        self._current = None
+        return balance_sections(self.form, self.tables, self.work, tensions, z)
+
     def load_work(self, state: State) -> None:
         """Fill `work` with the arrays of ``state``, unless it has them."""
         if self._current is not state.z:

@@ -26,7 +26,7 @@ from octo_arm_model.rod.continuation import (
     tolerance_of,
 )
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
-from octo_arm_model.rod.equilibrium import Condition, Equilibrium, Problem, State, balance_sections
+from octo_arm_model.rod.equilibrium import Condition, Equilibrium, Problem, State
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.section_arrays import initial_twists
 from octo_arm_model.rod.tables import added_points, allowed_between, least_bending, tabulate
@@ -287,9 +287,7 @@ class Rod:
             local = problem.first_tensions(target, straight)
         z = np.zeros((len(local), problem.strains))
         try:
-            residual, steps = balance_sections(
-                problem.form, problem.tables, problem.work, local, z
-            )
+            residual, steps = problem.balance_sections(local, z)
         except ConvergenceError as error:
             raise explain(problem, local, error) from None
         return z, residual, steps

@@ -171,7 +171,7 @@ class WinchEquations:
         is_loaded = problem.follows or at_nodes.force.any() or at_nodes.couple.any()
         if is_loaded or self._arm.friction or problem.discs is not None:
             return problem.linearise(state)
-        problem.form.sections(problem.tables, state.z, at_nodes.tensions, problem.work)
+        problem.compute_sections(state)
         return BlockFactors.of(problem.work.hessian)
 
     def rates(self, state: State) -> FloatArray:
