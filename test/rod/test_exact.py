@@ -131,4 +131,4 @@ def test_excessive_tension_gives_a_balanced_shape_or_an_error(arm, data, load):
         assert np.isfinite(backbone.position).all()
         residuals = [reference.imbalance(arm, law, backbone, i) for i in range(0, 21, 5)]
         # Strains at stations are interpolated from those at the nodes.
-    assert max(residuals) < 1e-5
+        assert max(residuals) < 1e-5
