@@ -207,9 +207,7 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     messages.add_all(TENSIONS, _stamps(samples), tensions)
 
     if experiment.sheath or experiment.axial_stiffness:
-        shapes = _shapes(
-            solver, np.interp(samples, times, pulls), experiment.touches(samples, times)
-        )
+        shapes = shapes_at(samples)
         reeled_in = np.array([displacements_of(solver, one).ravel() for one in shapes])
         # A separate generator, so that all else is the same with encoders and without.
         noise = np.random.default_rng([experiment.seed, 1]).standard_normal(reeled_in.shape)
@@ -218,9 +216,7 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
 
     instants = np.arange(0.0, times[-1], 1.0 / experiment.camera_rate)
     instants = instants[rng.random(instants.size) >= experiment.dropped]
-    shapes = _shapes(
-        solver, np.interp(instants, times, pulls), experiment.touches(instants, times)
-    )
+    shapes = shapes_at(instants)
     places = np.linspace(0.0, shapes[0].s[-1], _POINTS)
     points = np.array([interpolated(places, shape.s, shape.position) for shape in shapes])
     # A row vector times the matrix is rotated by its inverse, from base_frame to the camera's.
@@ -235,10 +231,7 @@ def add_demo(writer: BagWriter, parameters: Mapping[str, Any], experiment: Exper
     messages.add_all(MIDLINE, _stamps(instants), midlines, ahead_ns=ahead)
     if experiment.touch or experiment.markers:
         instants = np.arange(0.0, times[-1], 1.0 / experiment.marker_rate)
-        shapes = _shapes(
-            solver, np.interp(instants, times, pulls), experiment.touches(instants, times)
-        )
-        _add_measured(messages, instants, shapes, experiment)
+        _add_measured(messages, instants, shapes_at(instants), experiment)
     messages.write()
 
 

@@ -118,7 +118,7 @@ class Estimate:
     def backbone(self) -> Backbone:
         """Shape in the mean state, with the estimated tensions and wrench on the tip.
 
-        It is of first order about a state less than a standard deviation away.
+        It is the shape of `prediction`, moved to the mean to first order.
         """
         return self.prediction.backbone_at(self.mean)
 

@@ -228,7 +228,7 @@ def _branch_notes(problem: Problem, result: Identification) -> list[str]:
             'intervals take this difference for scatter from load to load, so they are wider than '
             '95 %: the branches cancel where each load is reached from both sides',
         ]
-    return [*fitted.notes]
+    return list(fitted.notes)
 
 
 def _fit_notes(problem: Problem, x: FloatArray, result: Identification, loads: int) -> list[str]:

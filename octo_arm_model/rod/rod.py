@@ -218,6 +218,8 @@ class Rod:
 
     def on_level(self, equilibrium: Equilibrium, level: int) -> Equilibrium:
         """Return ``equilibrium`` with its twists interpolated to the nodes of a ``level``."""
+        if level == equilibrium.level:
+            return equilibrium
         before, after = self.problem(equilibrium.level), self.problem(level)
 
         def on_nodes(z: FloatArray) -> FloatArray:
@@ -426,7 +428,7 @@ class Rod:
         return equilibrium
 
     def is_resolved(self, state: State, level: int, problem: Problem | None = None) -> bool:
-        """Whether ``state`` on a ``level``, of this or another ``problem``, is accurate enough.
+        """Whether ``state`` is accurate enough, by the rod on a ``level`` or another ``problem``.
 
         Raises:
             SolveError: if it is not, and there is no finer level.

@@ -329,8 +329,8 @@ class Exact(Statics):
         restart = None if start is None else self._with_factors(start)
         equilibrium = self.rod.solve(target, restart, spending)
         if restart is not None and restart.key and restart.factors is None:
-            # The next solve that starts from this shape begins with these factors.
             if restart.level == equilibrium.level:
+                # The next solve that starts from this shape begins with these factors.
                 self._keep(restart.key, equilibrium)
         return self.shape(equilibrium)
 
