@@ -366,7 +366,7 @@ class Problem:
         self.form.sections(self.tables, state.z, state.at_nodes.tensions, self.work)
 
     def balance_sections(self, tensions: FloatArray, z: FloatArray) -> tuple[float, int]:
-        """Find the twists ``z`` (N, m) that balance ``tensions`` (N, J) [N] without other loads."""
+        """Find the twists ``z`` (N, m) that balance ``tensions`` (N, J) [N] and nothing else."""
         self._current = None
         return balance_sections(self.form, self.tables, self.work, tensions, z)
 
