@@ -51,11 +51,15 @@ class Controls:
         commander: Commander,
         topic: str,
         later: Later,
+        problem: viser.GuiHtmlHandle,
     ) -> None:
-        """Add the controls to the page of ``server``; commands are published on ``topic``."""
+        """Add the controls to the page of ``server``; commands are published on ``topic``.
+
+        A ``problem`` of any of them is shown in one text, which stands outside of their tabs.
+        """
         self._gui, self._arm, self._commander = server.gui, config.arm, commander
         self._loop = server.get_event_loop()
-        self._topic, self._later = topic, later
+        self._topic, self._later, self._problem = topic, later, problem
         self._lock, self._is_closed = threading.Lock(), False
         self.highest = movements.tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
@@ -64,7 +68,6 @@ class Controls:
         self._add_presets()
         self._add_sliders()
         self._add_copies()
-        self._problem = self._gui.add_html('')
 
     def follow(self) -> None:
         """Schedule that the controls are set to the commanded tensions.

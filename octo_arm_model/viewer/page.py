@@ -140,11 +140,10 @@ class Page:
             if event.client is not None:
                 cameras.show(event.client)
 
-        tabs = gui.add_tab_group()
+        problem, tabs = gui.add_html(''), gui.add_tab_group()
         with tabs.add_tab('Tendons'):
-            self._controls = Controls(
-                server, config, self.commander, client.command_topic, self._later
-            )
+            topic = client.command_topic
+            self._controls = Controls(server, config, self.commander, topic, self._later, problem)
         with tabs.add_tab('Profile'):
             self._controls.add_profiles()
         with tabs.add_tab('Target'):

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import rclpy
+import viser
 import yaml
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, Vector3Stamped
 from live_nodes import DEADLINE, RosClient, hosting, new_domain, xyz
@@ -29,6 +30,8 @@ from octo_arm_model.simulation.profiles import CommandProfile
 from octo_arm_model.viewer import numbers
 from octo_arm_model.viewer.commander import Commander, TargetSearch, as_shell_line, as_yaml
 from octo_arm_model.viewer.controls import MotionControls
+from octo_arm_model.viewer.page import Page as ArmPage
+from octo_arm_model.viewer.scene import Cameras
 from octo_arm_model.wire.tensions import TENDON_TENSIONS
 
 CONFIG = load_config('renda2012_table4')
@@ -223,4 +226,16 @@ def test_the_current_is_an_arrow_and_a_missing_simulator_a_sentence(server):
     assert_allclose(tip - start, [0.0, 0.3 * LENGTH, 0.0], atol=1e-6)
     with pytest.raises(ConfigError, match='nobody offers left/pause, expected octo_arm_sim'):
         page.tell('Pause')
+    client.close()
+
+
+def test_a_problem_is_shown_above_the_tabs(server):
+    client = RosClient(new_domain())
+    arm = ArmClient(client.node)
+    page = ArmPage(server, Cameras(server), arm, CONFIG, lambda act: act())
+    page.refuse('a profile beyond the limits')
+    above = server.gui._container_handle_from_uuid['root']._children.values()
+    texts = [handle.content for handle in above if isinstance(handle, viser.GuiHtmlHandle)]
+    assert [text for text in texts if 'a profile beyond the limits' in text]
+    page.close()
     client.close()
