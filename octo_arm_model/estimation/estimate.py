@@ -28,7 +28,7 @@ class Estimate:
 
     Attributes:
         time: time of the estimate [s].
-        first: time of the first estimate [s].
+        first: time of the first estimate since it began, or began anew [s].
         measurements: measurements at this time.
         bank: all hypotheses after them.
         known: mean of the leader, with a covariance that contains the other hypotheses.
@@ -71,11 +71,11 @@ class Estimate:
         return time - since >= self.patience * recover_after
 
     def innovations_after(self, previous: Estimate | None) -> tuple[Innovation, ...]:
-        """Return the innovations that a ``previous`` estimate of the same time does not have.
+        """Return the innovations that a ``previous`` estimate, if of the same time, does not have.
 
         A measurement that was accepted there and is refused here is new too.
         """
-        earlier = previous.innovations if previous else ()
+        earlier = previous.innovations if previous and previous.time == self.time else ()
         was_accepted = {entry.name: entry.is_accepted for entry in earlier}
         return tuple(
             entry
@@ -101,7 +101,7 @@ class Estimate:
 
     @property
     def elapsed(self) -> float:
-        """Time since the first estimate [s]."""
+        """Time since `first` [s]."""
         return self.time - self.first
 
     @functools.cached_property

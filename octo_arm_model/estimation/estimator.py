@@ -58,6 +58,14 @@ class _Moment(NamedTuple):
     estimates: tuple[Estimate | None, ...]
     probability: FloatArray
 
+    @property
+    def leading(self) -> tuple[int, Estimate]:
+        """The index of the most probable place, and the estimate by it."""
+        best = int(self.probability.argmax())
+        estimate = self.estimates[best]
+        assert estimate is not None
+        return best, estimate
+
 
 class Estimator:
     """The estimator of one arm.
@@ -150,14 +158,13 @@ class Estimator:
         since = bisect.bisect_left([old.time for old in moments], newest.time - self._window)
         first = max(0, since - 1, len(moments) - MAX_MOMENTS)
         self._moments, self._is_cut = moments[first:], self._is_cut or first > 0
-        best = int(newest.probability.argmax())
-        estimate, added_estimate = newest.estimates[best], added.estimates[best]
-        assert estimate is not None
-        innovations: tuple[Innovation, ...] = ()
-        if added_estimate is not None:
-            innovations = added_estimate.innovations_after(replaced and replaced.estimates[best])
-            self._note_refused(stamp_ns, added_estimate)
-        begins_anew = is_new or (estimate.begins_anew and added is newest)
+        (best, estimate), (place, added_estimate) = newest.leading, added.leading
+        innovations = added_estimate.innovations_after(replaced and replaced.estimates[place])
+        for moment in moments[index:]:  # a late measurement may change later verdicts
+            self._note_refused(origin + round(1e9 * moment.time), moment.leading[1])
+        self.suspects = estimate.suspects
+        # If it begins anew at a time, it does so with the first message of this time.
+        begins_anew = is_new or (added is newest and replaced is None and estimate.begins_anew)
         self.restarts += begins_anew
         count_innovations(self.consistency, stamp_ns, innovations)
         names = list(self._models)
@@ -169,12 +176,11 @@ class Estimator:
         innovations, prediction = estimate.innovations, estimate.prediction
         refused = {new.name for new in innovations if not new.is_accepted}
         for name in refused:
-            self.refused_since.setdefault(name, stamp_ns)
+            self.refused_since[name] = min(stamp_ns, self.refused_since.get(name, stamp_ns))
         heard = {name for new in estimate.measurements for name in new.channels(prediction)}
         heard |= {new.name for new in innovations}
         for name in (heard - refused) & self.refused_since.keys():
             del self.refused_since[name]
-        self.suspects = estimate.suspects
 
     def _with_measurements(
         self,

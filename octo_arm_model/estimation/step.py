@@ -36,18 +36,16 @@ def next_estimate(
     """Return the estimate at ``time`` [s] after the ``last`` one; if that is None, from the prior.
 
     The search begins at the state of an estimate ``near``, or of the last one. It takes no more
-    than ``work``; the first step takes up to three times as much.
+    than ``work``; a step from the prior takes up to three times as much.
 
     Raises:
         SolveError: if the arm has no trustworthy shape, or standard deviations differ too much.
         MeasurementError: if a measurement does not fit the arm.
     """
     work = work or Work(EVALUATIONS, ITERATIONS)
-    if last is None:
-        work = Work(_FIRST * work.evaluations, _FIRST * work.iterations, work)
     try:
         with np.errstate(all='ignore'):  # an overflow makes the estimate not finite, see below
-            estimate = _Step(model, last, time, rules, work).estimate(measurements, near or last)
+            estimate = _Step(model, last, time, rules, work).estimate(measurements, near)
     except np.linalg.LinAlgError as error:
         raise _resolution_error(measurements) from error
     is_finite = np.isfinite(estimate.mean).all() and np.isfinite(estimate.root).all()
@@ -73,10 +71,12 @@ class _Step:
         self, model: ArmModel, last: Estimate | None, time: float, rules: Rules, work: Work
     ) -> None:
         self._model, self._last, self._time, self._rules = model, last, time, rules
-        self._work, self._filter = work, BankFilter(model, rules, work)
         is_lost = last is not None and last.is_lost(time, rules.recover_after)
-        # An estimate that begins anew starts from the prior.
+        # An estimate that begins anew is a first one, but for its patience and common fault.
         self._earlier = None if is_lost else last
+        if self._earlier is None:
+            work = Work(_FIRST * work.evaluations, _FIRST * work.iterations, work)
+        self._work, self._filter = work, BankFilter(model, rules, work)
 
     def estimate(self, measurements: tuple[Measurement, ...], near: Estimate | None) -> Estimate:
         """Return the estimate after ``measurements``; begin the search at ``near``, if any."""
@@ -116,7 +116,7 @@ class _Step:
         uncertain = judged.doubts[leader] - doubted
         return Estimate(
             time,
-            time if last is None else last.first,
+            time if earlier is None else earlier.first,
             measurements,
             bank,
             fault.mixture(known),
