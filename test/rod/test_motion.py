@@ -7,8 +7,9 @@ import pickle
 
 import numpy as np
 import pytest
+from rods import HELICAL, energy, helical_arm
+from rods import PULL as REACH
 from rods import UNIFORM as ROD
-from rods import energy
 from scipy.integrate import trapezoid
 from scipy.linalg import expm
 
@@ -436,6 +437,61 @@ def test_crushed_arm_raises_an_error():
     undamped = Dynamics(dynamics.solver)
     with pytest.raises(SolveError, match='state a viscosity'):
         swing(undamped, undamped.at_rest(Inputs(SLACK)), Inputs(np.full((3, 4), 1e4)), 0.01, 2e-3)
+
+
+# What a dynamics has done before -----------------------------------------------------------------
+
+
+HELD = Plane(stiffness=1e4, point=(0.0, 0.0, -0.06), normal=(0.0, 0.0, 1.0), friction=0.3)
+
+
+@pytest.mark.parametrize(
+    ('arm', 'obstacles'),
+    [
+        (HELICAL, ()),
+        (helical_arm(friction=(0.2,), axial_stiffness=(500.0,), free_length=(0.1,)), ()),
+        (helical_arm(sheath_stiffness=(2e4,)), ()),
+        (HELICAL, (HELD,)),
+    ],
+    ids=['frictionless', 'friction', 'sheaths', 'obstacle'],
+)
+def test_used_dynamics_equal_new_ones(arm, obstacles):
+    """Random steps, rests, held tendons and refused pulls do not change what comes after."""
+    loads = Loads(gravity=(0.0, 0.0, -3.0), obstacles=obstacles)
+
+    def new() -> Dynamics:
+        return Dynamics(Solver(arm, 'exact', 11, loads=loads), MotionProperties(viscosity=50.0))
+
+    def result(dynamics: Dynamics) -> list[FloatArray]:
+        """Return the next state and the lengths of tendons; zeros if the inputs are refused."""
+        try:
+            if number % 3 == 2:
+                state = dynamics.at_rest(inputs)
+            else:
+                state = dynamics.step(before, inputs, dt)
+        except SolveError:
+            return [np.zeros(1)] * 4
+        if dynamics is used:
+            states.append(state)
+        lengths = dynamics.tendon_lengths(before)
+        return [state.twist[0], state.place, np.asarray(state.tensions), lengths]
+
+    used, rng = new(), np.random.default_rng(5)
+    states = [used.at_rest(Inputs(np.zeros((2, 3))))]
+    for number in range(9):
+        before, dt = states[rng.integers(len(states))], rng.uniform(1e-3, 0.03)
+        tensions = REACH * rng.uniform(0.0, 1.0, (2, 3)) * (rng.random((2, 3)) < 0.7)
+        inputs = Inputs(tensions, tip_wrench=np.append(0.01 * rng.normal(size=3), np.zeros(3)))
+        with pytest.raises(SolveError):
+            used.step(before, Inputs(1e4 * REACH), 1e-3)
+        if number % 3 == 1:
+            held = used.displacements(before).ravel() + 2e-4
+            names = dict(zip(arm.tendon_names, held.tolist(), strict=True))
+            inputs = Inputs(np.zeros((2, 3)), displacements=names)
+        for found, expected in zip(result(used), result(new()), strict=True):
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6 * scale)
+    assert len(states) > 5
 
 
 @pytest.mark.endurance
