@@ -6,12 +6,11 @@ better than another (array algorithm, Kailath, Sayed and Hassibi 2000, chapter 1
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import dtrsm, dtrsv
-from scipy.linalg.lapack import dgeqrf, dpotrf
+from scipy.linalg.lapack import dgeqrf
 
 from octo_arm_model.arm.hints import FloatArray
 
@@ -34,10 +33,7 @@ class Gaussian(NamedTuple):
         Raises:
             LinAlgError: if the covariance is not positive definite.
         """
-        upper, failed = dpotrf(covariance, lower=0)
-        if failed:
-            raise np.linalg.LinAlgError('a covariance is not positive definite')
-        return cls(mean, upper.T)
+        return cls(mean, np.asarray(np.linalg.cholesky(covariance)))
 
     @classmethod
     def mixture(
@@ -73,15 +69,9 @@ def solve_lower(root: FloatArray, right: FloatArray, *, is_transposed: bool = Fa
 
 def lower_root(array: FloatArray) -> FloatArray:
     """Return the lower triangular root of the product of ``array`` (n, k) and its transpose."""
-    factor = dgeqrf(array.T)[0][: len(array)].T
+    factor = np.tril(dgeqrf(array.T)[0][: len(array)].T)
     # The signs of the columns are free: take those of the Cholesky factor.
-    return np.asarray(_lower(len(array)) * factor * np.copysign(1.0, factor.diagonal()))
-
-
-@functools.lru_cache(maxsize=64)
-def _lower(size: int) -> FloatArray:
-    """Return the lower triangular matrix (``size``, ``size``) of ones."""
-    return np.tri(size)
+    return np.asarray(factor * np.copysign(1.0, factor.diagonal()))
 
 
 def square_of(residual: FloatArray, root: FloatArray) -> float:

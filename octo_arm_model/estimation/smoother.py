@@ -83,11 +83,18 @@ def check_count(times: int) -> None:
 def smooth_steps(steps: Sequence[Estimate]) -> list[Estimate]:
     """Return the estimates at all ``steps`` of a filter, each from all accepted measurements.
 
+    Where the filter began anew the smoother does too, as earlier measurements belong to another
+    state.
+
     Raises:
         SolveError: if the arm has no trustworthy shape, or the iteration does not converge.
     """
-    if not steps:
-        return []
+    parts = itertools.groupby(steps, key=lambda step: step.first)
+    return [estimate for _, part in parts for estimate in _smooth_part(list(part))]
+
+
+def _smooth_part(steps: Sequence[Estimate]) -> list[Estimate]:
+    """Return the estimates at ``steps`` that have one prior."""
     # A division by zero gives a cost that is not finite, which no step accepts.
     with np.errstate(all='ignore'):
         current = _Pass(steps, [step.prediction for step in steps])

@@ -48,8 +48,6 @@ def _smoothed(
 ) -> Iterator[tuple[Group, EstimatorOutput]]:
     """Yield the estimates of the smoother, each from all measurements that the filter used.
 
-    Where the filter was reset the smoother starts again, because earlier measurements belong to
-    another state.
     MeasurementError if the place of contact is unknown, SolveError if there is no solution.
     """
     if len(models) > 1:
@@ -57,17 +55,14 @@ def _smoothed(
             '--smooth goes with one place of contact, not with --contact somewhere'
         )
     (name,) = models
-    parts: list[list[tuple[Group, Estimate]]] = [[]]
+    steps: list[tuple[Group, EstimatorOutput]] = []
     for group, update in filtered:
-        if update.begins_anew:
-            parts.append([])
         update.estimate.prediction.forget()
-        parts[-1].append((group, update.estimate))
-    for number, part in enumerate(parts):
-        estimates = smooth_steps([step for _, step in part])
-        for (group, _), estimate in zip(part, estimates, strict=True):
-            begins = number > 0 and estimate is estimates[0]
-            yield group, EstimatorOutput(estimate, name, {name: 1.0}, estimate.innovations, begins)
+        steps.append((group, update))
+    estimates = smooth_steps([update.estimate for _, update in steps])
+    for (group, update), estimate in zip(steps, estimates, strict=True):
+        anew = update.begins_anew
+        yield group, EstimatorOutput(estimate, name, {name: 1.0}, estimate.innovations, anew)
 
 
 SURE = 0.999  # probability of no false alarm at one time

@@ -1,7 +1,6 @@
 """An estimator or model that was used before gives what a new one gives."""
 
 import contextlib
-from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -22,6 +21,7 @@ from octo_arm_model.estimation.measurements import (
 )
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
+from octo_arm_model.estimation.smoother import smooth
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
 
 SECOND = 10**9
@@ -127,32 +127,45 @@ def test_used_models_and_refused_measurements_leave_no_trace(case):
         assert (estimator.failed, estimator.restarts) == (new.failed, new.restarts)
 
 
-def contradicted(model: Mapping[str, ArmModel], *, together: bool) -> Estimator:
-    """Return an estimator that began anew once, as its sensors agree on a sudden change."""
-    estimator = Estimator(model, TRUSTING)
-    for step in range(8):
-        shape = SHAPES[step >= 4]
-        markers = Markers(shape.s[10::10], shape.position[10::10], 5e-4)
-        data = [Tensions(shape.tensions.ravel(), 0.01), markers]
-        for part in [data] if together else [[each] for each in data]:
-            output = estimator.add(step * SECOND // 10, part)
-            if output.begins_anew:
-                expected = Estimator(model, TRUSTING).add(step * SECOND // 10, part)
-                assert output.estimate.elapsed == 0.0
-                assert_equal(output, expected)
-    return estimator
-
-
 SHAPES = [
     rubber(Unknowns(Walk(5.0))).solver.solve([TENSIONS + change])
     for change in ([0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0])
 ]
 
 
+def jumping(step: int) -> list[Measurement]:
+    """Return what is measured of an arm that moves suddenly after four steps."""
+    shape = SHAPES[step >= 4]
+    markers = Markers(shape.s[10::10], shape.position[10::10], 5e-4)
+    return [Tensions(shape.tensions.ravel(), 0.01), markers]
+
+
+STIFF = Unknowns(Walk(5.0, 0.1), tip_force=Walk(1e-3), tip_moment=Walk(1e-4, 1e-3))
+
+
 @pytest.mark.parametrize('together', [True, False])
 def test_estimate_that_begins_anew_is_that_of_a_new_estimator_and_is_counted_once(together):
-    model = rubber(Unknowns(Walk(5.0, 0.1), tip_force=Walk(1e-3), tip_moment=Walk(1e-4, 1e-3)))
-    assert contradicted({'tip': model}, together=together).restarts == 1
+    model = {'tip': rubber(STIFF)}
+    estimator = Estimator(model, TRUSTING)
+    for step in range(8):
+        data = jumping(step)
+        for part in [data] if together else [[each] for each in data]:
+            output = estimator.add(step * SECOND // 10, part)
+            if output.begins_anew:
+                assert output.estimate.elapsed == 0.0
+                assert_equal(output, Estimator(model, TRUSTING).add(step * SECOND // 10, part))
+    assert estimator.restarts == 1
+
+
+def test_smoother_begins_anew_where_the_filter_does():
+    model = rubber(STIFF)
+    recording = [(0.1 * step, jumping(step)) for step in range(9)]
+    smoothed = smooth(model, recording, TRUSTING)
+    (first,) = {each.first for each in smoothed} - {0.0}
+    after = [step for step in recording if step[0] >= first]
+    for estimate, expected in zip(smoothed[-len(after) :], smooth(model, after, TRUSTING)):
+        assert_allclose(estimate.mean, expected.mean, rtol=0.0, atol=1e-9)
+        assert_allclose(estimate.covariance, expected.covariance, rtol=1e-6, atol=1e-12)
 
 
 def test_late_readings_do_not_change_since_when_a_sensor_is_refused():
