@@ -42,12 +42,12 @@ class Measurement(abc.ABC):
             MeasurementError: if they are not finite numbers of these sizes, or the covariance is
                 not positive definite.
         """
-        self.value = magnitudes(f'{self.name}: value', value).ravel()
+        self.value = checked_numbers(f'{self.name}: value', value).ravel()
         size = self.value.size
         if not 0 < size <= _LARGEST:
             expected = f'1 to {_LARGEST} numbers'
             raise MeasurementError(f'{self.name}: value has {size} numbers, expected {expected}')
-        given = numbers(f'{self.name}: noise', noise)
+        given = checked_numbers(f'{self.name}: noise', noise, np.inf)
         if given.ndim < 2 and given.size in (1, size):
             self._check_deviations(given)
             self.covariance = np.diag(np.broadcast_to(given, size) ** 2)
@@ -179,27 +179,15 @@ def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
     return blocks[0] if len(blocks) == 1 else np.asarray(block_diag(*blocks))
 
 
-def numbers(name: str, value: ArrayLike) -> FloatArray:
+def checked_numbers(name: str, value: ArrayLike, most: float = LARGEST) -> FloatArray:
     """Return a copy of ``value`` as an array.
 
     Raises:
-        MeasurementError: if it does not consist of finite numbers.
+        MeasurementError: if it does not consist of finite numbers of at most ``most``.
     """
     array = real_numbers(value)
     if array is None or not np.isfinite(array).all():
         raise MeasurementError(f'{name} is {shown(value)}, expected finite numbers')
+    if (np.abs(array) > most).any():
+        raise MeasurementError(f'{name} is {shown(value)}, expected numbers of at most {most:g}')
     return array.copy()
-
-
-def magnitudes(name: str, value: ArrayLike) -> FloatArray:
-    """Return a copy of ``value`` as an array of numbers that a measurement may have.
-
-    Raises:
-        MeasurementError: if it does not consist of finite numbers of at most `LARGEST`.
-    """
-    array = numbers(name, value)
-    if (np.abs(array) > LARGEST).any():
-        raise MeasurementError(
-            f'{name} is {shown(value)}, expected numbers of at most {LARGEST:g}'
-        )
-    return array

@@ -19,7 +19,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import MeasurementError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.estimation.measurement import Measurement, numbers
+from octo_arm_model.estimation.measurement import Measurement, checked_numbers
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.rod.loads import force_per_length
 from octo_arm_model.rod.rotations import left_jacobian
@@ -151,8 +151,8 @@ class TipPose(Measurement):
         Raises:
             MeasurementError: if numbers or noise are invalid, or the quaternion has not length 1.
         """
-        position_array = numbers('tip pose: position', position)
-        quaternion_array = numbers('tip pose: quaternion', quaternion)
+        position_array = checked_numbers('tip pose: position', position)
+        quaternion_array = checked_numbers('tip pose: quaternion', quaternion)
         if position_array.shape != (3,) or quaternion_array.shape != (4,):
             raise MeasurementError('tip pose: expected a position (3,) and a quaternion (4,)')
         if abs(math.hypot(*quaternion_array.tolist()) - 1.0) > 1e-3:
@@ -192,7 +192,7 @@ class _PlacedMeasurement(Measurement):
             MeasurementError: if numbers or noise are invalid, or not as many as s.
         """
         super().__init__(value, noise)
-        self.s = numbers(f'{self.name}: s', s)
+        self.s = checked_numbers(f'{self.name}: s', s)
         expected = len(self.components) * self.s.size
         self.check_size(expected, f'{", ".join(self.components)} at each s')
 

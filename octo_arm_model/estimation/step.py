@@ -46,22 +46,19 @@ def next_estimate(
     try:
         with np.errstate(all='ignore'):  # an overflow makes the estimate not finite, see below
             estimate = _Step(model, last, time, rules, work).estimate(measurements, near)
+        for part in (estimate.mean, estimate.root, estimate.log_likelihood):
+            if not np.isfinite(part).all():
+                raise np.linalg.LinAlgError('the estimate is not finite')
     except np.linalg.LinAlgError as error:
-        raise _resolution_error(measurements) from error
-    is_finite = np.isfinite(estimate.mean).all() and np.isfinite(estimate.root).all()
-    if not (is_finite and math.isfinite(estimate.log_likelihood)):
-        raise _resolution_error(measurements)
+        noise = ', '.join(
+            f'{one.name} to {math.sqrt(one.covariance.diagonal().min()):.3g}'
+            for one in measurements
+        )
+        raise SolveError(
+            f'the estimate is not finite: standard deviations of what is measured ({noise}) and '
+            'of what was known before differ by more than numbers resolve'
+        ) from error
     return estimate
-
-
-def _resolution_error(measurements: Sequence[Measurement]) -> SolveError:
-    noise = ', '.join(
-        f'{one.name} to {math.sqrt(one.covariance.diagonal().min()):.3g}' for one in measurements
-    )
-    return SolveError(
-        f'the estimate is not finite: standard deviations of what is measured ({noise}) and of '
-        'what was known before differ by more than numbers resolve'
-    )
 
 
 class _Step:

@@ -18,7 +18,7 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation import measurements
-from octo_arm_model.estimation.measurement import magnitudes
+from octo_arm_model.estimation.measurement import checked_numbers
 from octo_arm_model.estimation.settings import SensorNoise
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.wire.messages import Stamp
@@ -196,7 +196,7 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     noise, (rotation, origin) = arm.noise, arm.frame(message.header)
     p, orientation = message.pose.pose.position, message.pose.pose.orientation
     # Numbers are checked before the rotation, which would spread a wrong one to others.
-    position = rotation.apply(magnitudes('tip pose: position', [p.x, p.y, p.z])) + origin
+    position = rotation.apply(checked_numbers('tip pose: position', [p.x, p.y, p.z])) + origin
     sensor: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
     is_too_large = ~(np.abs(sensor) <= LARGEST**2)  # or NaN
     if is_too_large.any():
@@ -270,7 +270,7 @@ def markers_of(
         raise MeasurementError('it shows no marker')
     s = np.array(places)[is_seen]
     stddev = float(np.hypot(noise.given.marker_stddev, noise.model_position))
-    visible = magnitudes('markers: value', points[is_seen])
+    visible = checked_numbers('markers: value', points[is_seen])
     return measurements.Markers(s, rotation.apply(visible) + origin, stddev)
 
 
@@ -283,7 +283,7 @@ def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
         )
     force, moment = message.wrench.force, message.wrench.torque
     numbers = [force.x, force.y, force.z, moment.x, moment.y, moment.z]
-    wrench = magnitudes('base wrench: value', numbers)
+    wrench = checked_numbers('base wrench: value', numbers)
     # This transforms from the frame of the sensor to base_frame, with moments about the base.
     turn = np.kron(np.eye(2), rotation.as_matrix())
     lever = skew(origin - np.array(arm.config.base.position))
