@@ -16,14 +16,14 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_940,
+    'octo_arm_model': 44_920,
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_490,
     'octo_arm_model/bags': 2_560,
     'octo_arm_model/cli': 3_070,
     'octo_arm_model/config': 1_750,
-    'octo_arm_model/estimation': 3_680,
+    'octo_arm_model/estimation': 3_670,
     'octo_arm_model/experiment': 6_220,
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_250,
