@@ -244,6 +244,12 @@ def _fit_notes(problem: Problem, x: FloatArray, result: Identification, loads: i
         notes.append(
             'one tension offset for all tendons that read at least 1 % of the highest tension'
         )
+        band = result.parameters.get('tension_deadband', 0.0)
+        if lost := int(((result.tensions > 0.0) & (result.tensions <= band)).sum()):
+            notes.append(
+                f'the fitted tension_deadband of {band:.3g} N holds slack tendons with that '
+                f'offset, and {lost} fitted tension(s) of this recording too'
+            )
     if unknowns.reads_encoders:
         notes.append(
             f'residuals of encoders are weighed by {problem.encoder_scale(x) * 1e3:.3g} mm, '

@@ -418,13 +418,16 @@ class Unknowns:
         values, count = dict(self._parameters), len(self.arm.tendons)
         scale, offset = found.get('tension_scale', 1.0), found.get('tension_offset', 0.0)
         if (scale, offset) != (1.0, 0.0):
-            # A slack tendon has no offset, because its reading is within the deadband.
+            # Slack tendons have no offset: what they read, by default 0, comes within the deadband.
             cells = self._cells
             begun = np.array(cells.offset or count * (0.0,))
-            band = max(cells.deadband, float(self.slack) if offset else 0.0)
+            band = scale * max(cells.deadband, float(self.slack) if offset else 0.0)
+            is_read = (self.readings.tensions > self.slack)[:, self._pulled]
+            if not (is_read.all() and (self.inputs(x)[:, self._pulled] <= band).any()):
+                band += abs(offset)
             values['tension_scale'] = (scale * np.array(cells.scale or count * (1.0,))).tolist()
             values['tension_offset'] = (scale * begun + offset * self._pulled).tolist()
-            values['tension_deadband'] = scale * band + abs(offset)
+            values['tension_deadband'] = band
         if (young := found.get('youngs_modulus')) is not None:
             # A modulus that varies along the arm and a given stiffness get the same factor.
             factor = young / float(self.arm.material.youngs_modulus_at(0.0))

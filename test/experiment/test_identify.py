@@ -97,6 +97,23 @@ def test_scale_offset_and_camera_are_found_together():
     assert_allclose(found.alignment.rotation, FAR.rotation, atol=1e-3)
 
 
+def test_the_fitted_calibration_gives_the_fitted_tensions_and_says_which_it_does_not():
+    pulls = [one_tendon(tension) for tension in (0.0, 0.1, 1.0, 2.0, 3.0)]
+    lines = [midline('closed_form', pull) for pull in pulls]
+    # These cells read too much at all times, and those only where a tendon is pulled.
+    for read, hidden in (
+        ([pull + 0.12 for pull in pulls], 0),
+        ([pull + 0.12 * (pull > 0.0) for pull in pulls], 1),
+    ):
+        found = fitted(shapes(lines, read), 'tension_offset', model='closed_form')
+        assert values(found)['tension_offset'] == pytest.approx(-0.12, abs=1e-3)
+        cells = Config.from_parameters(found.parameters).load_cells
+        again = cells.tensions(Config.from_parameters(found.parameters).arm, np.array(read)[:, np.newaxis])
+        lost = np.abs(again.reshape(found.tensions.shape) - found.tensions) > 0.05
+        assert lost.sum() == hidden
+        assert any(f'and {hidden} fitted tension(s)' in note for note in found.notes) == hidden
+
+
 def test_displaced_tendons_and_poissons_ratio_are_found():
     # Tendons that wind about the arm twist it, and only then nu matters.
     winding = {'tendons.twist': [2.0] * 4, 'sections.offset_anchorage': [0.005]}
