@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from decimal import Decimal
 from pathlib import Path
 from typing import NamedTuple
 
@@ -223,7 +224,12 @@ class CsvTable:
                 f'{self.path}, line {self.lines[n]}: time is {second!r} s, '
                 f'expected a time below 2147483648 s{hint}'
             )
-        return [round(second * 1e9) for second in seconds.tolist()]
+        # As floats, nanoseconds since 1970 would be rounded to a quarter of a microsecond.
+        scale, texts = 10**9, [str(index)] * len(self.rows)
+        if isinstance(index, int):
+            scale = round(1e9 * TIME[self._unit('time', index) or 's'])
+            texts = [row[index].strip() for row in self.rows]
+        return [round(scale * Decimal(text)) for text in texts]
 
     def _stamp(self, text: str, line: int) -> int:
         """Return a time in ISO 8601 as a stamp [ns]; without a zone it is UTC."""

@@ -418,16 +418,7 @@ class Unknowns:
         values, count = dict(self._parameters), len(self.arm.tendons)
         scale, offset = found.get('tension_scale', 1.0), found.get('tension_offset', 0.0)
         if (scale, offset) != (1.0, 0.0):
-            # Slack tendons have no offset: what they read, by default 0, comes within the deadband.
-            cells = self._cells
-            begun = np.array(cells.offset or count * (0.0,))
-            band = scale * max(cells.deadband, float(self.slack) if offset else 0.0)
-            is_read = (self.readings.tensions > self.slack)[:, self._pulled]
-            if not (is_read.all() and (self.inputs(x)[:, self._pulled] <= band).any()):
-                band += abs(offset)
-            values['tension_scale'] = (scale * np.array(cells.scale or count * (1.0,))).tolist()
-            values['tension_offset'] = (scale * begun + offset * self._pulled).tolist()
-            values['tension_deadband'] = band
+            values |= self._load_cells(x, scale, offset)
         if (young := found.get('youngs_modulus')) is not None:
             # A modulus that varies along the arm and a given stiffness get the same factor.
             factor = young / float(self.arm.material.youngs_modulus_at(0.0))
@@ -472,6 +463,21 @@ class Unknowns:
             }
         moved = {name: found.get(f'{OFFSET}{name}', 0.0) for name in self.arm.tendon_names}
         return move_tendons(values, self.arm, moved) if any(moved.values()) else values
+
+    def _load_cells(self, x: FloatArray, scale: float, offset: float) -> dict[str, Any]:
+        """Return the parameters of load cells that give the tensions `inputs` at ``x``."""
+        cells, count = self._cells, len(self.arm.tendons)
+        # Slack tendons have no offset: what they read, 0 unless said, is within the deadband.
+        band = scale * max(cells.deadband, float(self.slack) if offset else 0.0)
+        is_read = (self.readings.tensions > self.slack)[:, self._pulled]
+        if not (is_read.all() and (self.inputs(x)[:, self._pulled] <= band).any()):
+            band += abs(offset)
+        begun = np.array(cells.offset or count * (0.0,))
+        return {
+            'tension_scale': (scale * np.array(cells.scale or count * (1.0,))).tolist(),
+            'tension_offset': (scale * begun + offset * self._pulled).tolist(),
+            'tension_deadband': band,
+        }
 
     def solver(self, x: FloatArray) -> Solver:
         """Return the solver of the arm at ``x``; ArmDefinitionError if the arm is impossible."""

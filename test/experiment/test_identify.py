@@ -108,7 +108,9 @@ def test_the_fitted_calibration_gives_the_fitted_tensions_and_says_which_it_does
         found = fitted(shapes(lines, read), 'tension_offset', model='closed_form')
         assert values(found)['tension_offset'] == pytest.approx(-0.12, abs=1e-3)
         cells = Config.from_parameters(found.parameters).load_cells
-        again = cells.tensions(Config.from_parameters(found.parameters).arm, np.array(read)[:, np.newaxis])
+        again = cells.tensions(
+            Config.from_parameters(found.parameters).arm, np.array(read)[:, np.newaxis]
+        )
         lost = np.abs(again.reshape(found.tensions.shape) - found.tensions) > 0.05
         assert lost.sum() == hidden
         assert any(f'and {hidden} fitted tension(s)' in note for note in found.notes) == hidden

@@ -31,6 +31,7 @@ from numpy.testing import assert_allclose
 from recordings import Sample
 
 from octo_arm_model.arm import limits
+from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.csv_recording import CsvSources
 from octo_arm_model.experiment.read_recording import read_recording
@@ -517,6 +518,18 @@ def test_tables_are_read_as_programs_write_them(head, row, columns, tmp_path):
     assert_allclose(found.tensions, [[1, 0, 0, 0], [2, 0, 0, 0], [3, 0, 0, 0]])
     assert_allclose(found.frames[0], [[0.25, 0.01, 0.0]])
     assert '1 of 3 frames on' in found.notes[0] and 'at exactly 0, 0, 0' in found.notes[0]
+
+
+@pytest.mark.parametrize('unit', ['ns', 's'])
+def test_the_stamps_of_a_table_are_those_of_a_clock_to_the_nanosecond(unit, tmp_path, cli):
+    table, out = tmp_path / 'table.csv', tmp_path / 'shapes'
+    stamps = [1_700_000_000_123_456_789, 1_700_000_000_123_456_790, 1_700_000_001_000_000_001]
+    time = [f'{one // 10**9}{"." * (unit == "s")}{one % 10**9:09d}' for one in stamps]
+    rows = ''.join(f'{at},1,0,0,0\n' for at in time)
+    table.write_text(f'time [{unit}],{",".join(TENDONS)}\n{rows}')
+    assert cli('replay', table, out, *ARM[:2])[0] == 0
+    with BagReader(out) as reader:
+        assert [one.received_ns for one in reader.messages(['/backbone/path'])] == stamps
 
 
 def test_a_unit_in_the_name_of_a_column_is_that_of_this_column_alone(tmp_path):
