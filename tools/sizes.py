@@ -20,18 +20,18 @@ MOST = {
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_490,
-    'octo_arm_model/bags': 2_560,
-    'octo_arm_model/cli': 3_070,
+    'octo_arm_model/bags': 2_580,
+    'octo_arm_model/cli': 3_060,
     'octo_arm_model/config': 1_750,
     'octo_arm_model/estimation': 3_670,
-    'octo_arm_model/experiment': 6_220,
+    'octo_arm_model/experiment': 6_200,
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_250,
     'octo_arm_model/ros': 4_820,
     'octo_arm_model/simulation': 2_220,
     'octo_arm_model/viewer': 2_130,
     'octo_arm_model/wire': 1_390,
-    'test': 25_070,
+    'test': 25_100,
 }
 
 

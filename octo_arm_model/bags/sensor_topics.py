@@ -10,7 +10,6 @@ import numpy as np
 
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.bags import topics
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.topics import TYPES, Source, pick_displacements, pick_tensions
@@ -150,21 +149,11 @@ def read_tension_rows(
     for record in reader.messages([sensors.tensions.topic]) if sensors.tensions else ():
         assert sensors.tensions is not None
         reading = sensors.tensions.read(reader, config, record, raw=True)
-        row = np.zeros(0) if reading.tensions is None else reading.tensions.ravel()
-        # This holds for NaN too, which the measurement would refuse.
-        is_too_large = ~(np.abs(row) <= LARGEST)
         if reading.tensions is None:
             refusals.count(record.topic, reading.reason)
-        elif is_too_large.any():
-            number = int(is_too_large.argmax())
-            reason = (
-                f'reading of {config.arm.tendon_names[number]} is {row[number]:g} N, expected a '
-                f'finite number of at most {LARGEST:g}'
-            )
-            refusals.count(record.topic, reason)
         else:
             times.append((reading.stamp_ns, record.received_ns))
-            rows.append(row)
+            rows.append(reading.tensions.ravel())
         done(1)
     table = np.array(rows, np.float64).reshape(-1, len(config.arm.tendons))
     stamps, received = np.array(times, np.int64).reshape(-1, 2).T

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from octo_arm_model.arm.errors import BagError, ConfigError, MessageError, listed
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.validation import finite
 from octo_arm_model.bags.reader import BagReader, Record
 from octo_arm_model.bags.types import STRING
 from octo_arm_model.config.config import Config
@@ -32,6 +33,7 @@ ANSWERS: dict[str, str] = {
 }
 DESCRIPTION = 'arm_description'  # the arm as a ROS parameter file, from the node
 MIDLINE = 'camera/midline'
+TABLE = 'octo_arm_table'  # in the metadata of a bag made from a table: the name of the table
 _USUAL = (*TENSION_TOPICS, MIDLINE)  # usual topics of measured tensions or midlines
 _MEASURED = (*_USUAL, *MEASUREMENT_TOPICS)  # usual topics of all measurements
 
@@ -231,9 +233,17 @@ class Source(NamedTuple):
             return _stampable(Reading(stamp, None, reason, lengths_by_tendon))
         by_field = FieldMessage(record.type_name, self.field)
         kind = by_field if self.field else _KINDS[record.type_name]
-        calibrated = cells.scale_and_offset if raw else partial(cells.tensions, arm)
-        result = reader.read(record, lambda data: calibrated(kind.read(data, arm, cells.names)))
-        return _stampable(Reading(*result))
+
+        def calibrated(message: Any) -> FloatArray:
+            readings = kind.read(message, arm, cells.names)
+            if not raw:
+                return cells.tensions(arm, readings)
+            tensions = cells.scale_and_offset(readings)
+            for name, tension in zip(arm.tendon_names, tensions.ravel().tolist(), strict=True):
+                finite(f'reading of {name}', tension, 'a finite number [N]')
+            return tensions
+
+        return _stampable(Reading(*reader.read(record, calibrated)))
 
 
 def pick_tensions(reader: BagReader, chosen: str | None, without: str | None = None) -> Source:
@@ -341,7 +351,7 @@ def find_arms(
         displacements: further topics of displacements, or TOPIC:FIELD.
 
     Raises:
-        BagError: if there are no tensions, or a topic is named twice.
+        BagError: if there are no tensions, a topic is named twice, or by `sensed_by`.
         ConfigError: if there is no description.
     """
     displaced = list(filter(None, (pick_displacements(reader, one) for one in displacements)))
@@ -365,10 +375,41 @@ def find_arms(
         by_prefix.setdefault(prefix, []).append(source)
     arms = []
     for prefix, sources in by_prefix.items():
-        values = dict(parameters if parameters is not None else describe(reader, prefix))
-        values |= {**({} if model is None else {'model': model}), **calibration}
+        described = parameters if parameters is not None else describe(reader, prefix)
+        values = sensed_by(reader, described, calibration)
+        values |= {} if model is None else {'model': model}
         arms.append(RecordedArm(prefix, tuple(sources), values))
     return arms
+
+
+def sensed_by(
+    reader: BagReader, parameters: Mapping[str, Any], calibration: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the ``parameters`` for a bag, whose ``calibration`` replaces theirs.
+
+    Raises:
+        BagError: if there is a ``calibration`` for a bag made from a table, whose readings have
+            had theirs.
+    """
+    if TABLE not in reader.metadata:
+        return {**parameters, **calibration}
+    if calibration:
+        raise BagError(
+            f'{reader.path}: made from {reader.metadata[TABLE]}, its readings are those of '
+            'tendons, so --tendons, --motors and --spools have no effect'
+        )
+    return as_described(parameters)
+
+
+def as_described(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the ``parameters`` without calibration, which readings in a table's bag have had."""
+    calibrated = (
+        'tension_names',
+        'displacement_names',
+        'displacement_scale',
+        'displacement_offset',
+    )
+    return {name: value for name, value in parameters.items() if name not in calibrated}
 
 
 def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:

@@ -129,10 +129,9 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
         """Turn errors of files and of SQLite into BagError."""
         try:
             yield
-        except OSError as error:
-            raise BagError(f'{self.path}: cannot be written: {error.strerror}') from error
-        except sqlite3.Error as error:
-            raise BagError(f'{self.path}: cannot be written: {error}') from error
+        except (OSError, sqlite3.Error) as error:
+            problem = error.strerror if isinstance(error, OSError) else error
+            raise BagError(f'{self.path}: cannot be written: {problem}') from error
 
     def add(self, topic: str, type_name: str, latched: bool = False) -> Connection:
         """Return the connection of a ``topic`` of a known type, and add it if it is new.

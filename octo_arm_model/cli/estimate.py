@@ -448,10 +448,8 @@ def _sources(options: argparse.Namespace) -> Sources:
 def _of_table(sources: Sources, reader: BagReader) -> tuple[Sources, list[str]]:
     """Return the ``sources`` of the bag that a table became, and remarks on its points."""
     from octo_arm_model.bags.topics import MIDLINE
-    from octo_arm_model.experiment.bag_recording import as_described
 
-    described = as_described({**(sources.parameters or {}), **sources.calibration})
-    sources = dataclasses.replace(sources, parameters=described, calibration={}, marker_names=())
+    sources = dataclasses.replace(sources, calibration={}, marker_names=())
     if reader.topics.keys().isdisjoint(f'/{name}' for name in (TIP_POSE, MARKERS, MIDLINE)):
         return sources, []
     notes = [] if sources.alignment else ['points of a table are in base_frame, or say --align']

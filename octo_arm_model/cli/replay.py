@@ -83,7 +83,6 @@ def run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.topics import find_arms
     from octo_arm_model.bags.writer import BagWriter
     from octo_arm_model.experiment.bag_recording import opened as open_bag
-    from octo_arm_model.experiment.bag_recording import sensed_by
 
     step = arguments.read_dynamic(options)
     if step is not None and options.model not in (None, 'exact'):
@@ -97,15 +96,8 @@ def run(options: argparse.Namespace) -> None:
     with unwritten(options.out), Bar('messages') as bar, source as reader:
         if options.bag.suffix == '.csv':
             parameters, calibration = None, {}
-        sensed = sensed_by(reader, parameters or {}, calibration)
-        arms = find_arms(
-            reader,
-            options.topics,
-            sensed if parameters else None,
-            options.model,
-            calibration,
-            options.displacements,
-        )
+        named = options.topics, parameters, options.model, calibration, options.displacements
+        arms = find_arms(reader, *named)
         sources = [source for arm in arms for source in arm.sources]
         if all(source.is_displacements for source in sources):
             arguments.refuse_without_effect(

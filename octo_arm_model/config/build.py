@@ -55,13 +55,10 @@ class LoadCellCalibration:
             TensionError: if the shape is wrong, or a tension is not finite or below minus the
                 deadband; the message names the tendon.
         """
-        if self.is_identity:
-            return check_tensions(arm, readings)
-        array = np.asarray(readings)
-        if array.dtype.kind not in 'fiu' or array.shape[-len(arm.tension_shape) :] != (
-            arm.tension_shape
-        ):
-            return check_tensions(arm, readings)  # raises the error
+        array, shape = np.asarray(readings), arm.tension_shape
+        is_set = array.dtype.kind in 'fiu' and array.shape[-len(shape) :] == shape
+        if self.is_identity or not is_set:
+            return check_tensions(arm, readings)  # raises the error of what is no set
         tensions = self.scale_and_offset(array.astype(np.float64))
         try:
             return check_tensions(arm, tensions)

@@ -15,7 +15,9 @@ from octo_arm_model.bags.reader import BagReader, Record, stamp_of
 from octo_arm_model.bags.topics import (
     DESCRIPTION,
     MIDLINE,
+    TABLE,
     Source,
+    as_described,
     describe,
     namespace,
     of_one_arm,
@@ -37,7 +39,6 @@ from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS, field_of
 
 TF = 'tf2_msgs/msg/TFMessage'
-_TABLE = 'octo_arm_table'  # in the metadata of a bag made from a table: the name of the table
 MOST_TRANSFORMS = 4_000_000  # transforms kept at once, 64 bytes each
 _STATIC = 'tf_static'  # last name of topics whose transforms hold at all times
 
@@ -297,36 +298,6 @@ def opened(
             yield reader
 
 
-def sensed_by(
-    reader: BagReader, parameters: Mapping[str, Any], calibration: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return the ``parameters`` for a bag, whose ``calibration`` replaces theirs.
-
-    Raises:
-        BagError: if there is a ``calibration`` for a bag made from a table, whose readings have
-            had theirs.
-    """
-    if _TABLE not in reader.metadata:
-        return {**parameters, **calibration}
-    if calibration:
-        raise BagError(
-            f'{reader.path}: made from {reader.metadata[_TABLE]}, its readings are those of '
-            'tendons, so --tendons, --motors and --spools have no effect'
-        )
-    return as_described(parameters)
-
-
-def as_described(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the ``parameters`` without calibration, which readings in a table's bag have had."""
-    calibrated = (
-        'tension_names',
-        'displacement_names',
-        'displacement_scale',
-        'displacement_offset',
-    )
-    return {name: value for name, value in parameters.items() if name not in calibrated}
-
-
 def _write(
     written: Path,
     path: Path,
@@ -353,7 +324,7 @@ def _write(
         )
     if (first := min(table.times())) < 0:
         raise MeasurementError(f'{path}: time is {1e-9 * first} s, expected none below 0')
-    with BagWriter(written, custom={_TABLE: path.name}) as writer:
+    with BagWriter(written, custom={TABLE: path.name}) as writer:
         writer.add_text(f'/{DESCRIPTION}', parameters_as_yaml(as_described(arm_values)), first)
         messages = SensorMessages(writer, config)
         if has_cells:

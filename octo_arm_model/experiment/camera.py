@@ -7,6 +7,7 @@ offset of the clock has no effect. The tips are therefore fitted to the model's 
 without friction at once, so that friction is not mistaken for an offset.
 """
 
+import contextlib
 import dataclasses
 import warnings
 from collections.abc import Sequence
@@ -261,24 +262,21 @@ class CameraCheck:
 
     def errors(self) -> CameraErrors | None:
         """Return the errors of all frames with an estimate; None if there are none."""
-        numbers, estimated, plain = [], [], []
+        found: list[tuple[int, FloatArray, FloatArray]] = []
         last: Backbone | None = None
         measured = self._recording.tension_time, np.maximum(self._recording.tensions, 0.0)
         for number, position in self._pairs:
             tensions = interpolated(self._time[number], *measured)
-            try:
+            with contextlib.suppress(SolveError):
                 last = self._solver.follow(tensions.reshape(self._solver.arm.tension_shape), last)
-            except SolveError:
-                continue
-            numbers.append(number)
-            estimated.append(position)
-            plain.append(last.position)
-        if not numbers:
+                found.append((number, position, last.position))
+        if not found:
             return None
+        numbers, estimated, plain = zip(*found)
         lines = [self._lines[number] for number in numbers]
         pairs = (_distances(lines, shapes, self._alignment) for shapes in (estimated, plain))
         tips, means = zip(*pairs)
-        return CameraErrors(self._time[numbers], tips, means)
+        return CameraErrors(self._time[[*numbers]], tips, means)
 
 
 def _distances(

@@ -132,14 +132,12 @@ def compare(
         notes.append(
             'the alignment is fitted: it removes the error that a motion of the camera explains'
         )
-        rms = misfit_of(
-            [
-                shape_residuals(shape, alignment.to_base(shape.points), backbone)
-                for _, shape, backbone in answered
-            ],
-            solver.arm.length,
-        ).rms
-        notes += undetermined(np.concatenate([shape.points for _, shape, _ in answered]), rms)
+        away = [
+            shape_residuals(shape, alignment.to_base(shape.points), backbone)
+            for _, shape, backbone in answered
+        ]
+        points = np.concatenate([shape.points for _, shape, _ in answered])
+        notes += undetermined(points, misfit_of(away, solver.arm.length).rms)
     steps = []
     branches = directions(np.array([shape.window.tensions for shape in shapes]))
     for number, shape, backbone in answered:
@@ -149,10 +147,10 @@ def compare(
             curve.fractions(measured, check=True)
             errors = midline_errors(measured, curve)
         else:
-            away = np.linalg.norm(shape_residuals(shape, measured, backbone), axis=1)
+            distance = np.linalg.norm(shape_residuals(shape, measured, backbone), axis=1)
             is_tip = shape.s[-1] >= (1.0 - _TIP) * solver.arm.length
-            tip = float(away[-1]) if is_tip else math.nan
-            errors = MidlineErrors(tip, float(away.mean()), float(away.max()))
+            tip = float(distance[-1]) if is_tip else math.nan
+            errors = MidlineErrors(tip, float(distance.mean()), float(distance.max()))
         bend = math.nan
         if math.isfinite(errors.tip) and trajectory is None:
             bend = _bend(solver, backbone, measured[-1])

@@ -166,19 +166,18 @@ def is_tip_first(midlines: Sequence[FloatArray], base: FloatArray | None) -> tup
         MeasurementError: if neither criterion is clear.
     """
     ends = [np.array([points[end] for points in midlines]) for end in (0, -1)]
-    spread = [_spread(end) for end in ends]
-    first, last = (f'{1e3 * value:.1f} mm' for value in spread)
-    moved = f'the first points spread by {first}, the last by {last}'
-    if max(spread) > _MOVES * min(spread):
-        return spread[0] > spread[1], moved
+    criteria = [
+        ([*map(_spread, ends)], 'the first points spread by {:.1f} mm, the last by {:.1f}')
+    ]
     if base is not None:
-        distances = [float(np.linalg.norm(np.median(end, axis=0) - base)) for end in ends]
-        if max(distances) > _MOVES * min(distances):
-            first, last = (f'{1e3 * value:.1f} mm' for value in distances)
-            why = f'the first points are {first} from the base, the last {last}'
-            return distances[0] > distances[1], why
+        away = [float(np.linalg.norm(np.median(end, axis=0) - base)) for end in ends]
+        criteria.append((away, 'the first points are {:.1f} mm from the base, the last {:.1f}'))
+    reasons = [words.format(*(1e3 * np.array(sizes))) + ' mm' for sizes, words in criteria]
+    for (sizes, _), reason in zip(criteria, reasons):
+        if max(sizes) > _MOVES * min(sizes):
+            return sizes[0] > sizes[1], reason
     raise MeasurementError(
-        f'which end of the midlines is the base cannot be told: {moved}; '
+        f'which end of the midlines is the base cannot be told: {reasons[0]}; '
         'say --base-end first or last'
     )
 

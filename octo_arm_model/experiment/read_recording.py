@@ -72,7 +72,8 @@ def read_recording(  # noqa: PLR0913 - options of a command
         return _gather(None, {**given, **calibration}, measured, files)
     # These imports need rosbags.
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.experiment.bag_recording import BagRecording, sensed_by
+    from octo_arm_model.bags.topics import sensed_by
+    from octo_arm_model.experiment.bag_recording import BagRecording
 
     with BagReader(path) as reader:
         bag = BagRecording(reader, tensions, displacements, files, Count(progress))

@@ -17,11 +17,11 @@ from octo_arm_model.bags.sensor_topics import (
     read_measured,
     read_tension_rows,
 )
-from octo_arm_model.bags.topics import MIDLINE, describe, in_namespace, usual_topics
+from octo_arm_model.bags.topics import MIDLINE, describe, in_namespace, sensed_by, usual_topics
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.model import PATIENT, ArmModel
 from octo_arm_model.estimation.settings import PREFIX, EstimatorSettings, TensionStatistics
-from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics, notes_on, sensed_by
+from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics, notes_on
 from octo_arm_model.experiment.camera import Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
 from octo_arm_model.experiment.observations import Pairing, base_first, camera_offset

@@ -150,9 +150,7 @@ def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> 
         return []
     gap = _longest_gap(time, rule.duration)
     ranges: list[tuple[int, int]] = []
-    first = 0
-    while first < len(time):
-        stop = _end_of_band(time, tensions, first, band, gap)
+    for first, stop in _bands(time, tensions, band, gap):
         if time[stop - 1] - time[first] >= rule.duration:
             # Two windows that only a glitch separates are one step.
             is_one = False
@@ -161,7 +159,6 @@ def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> 
                 changed = np.abs(before - tensions[first:stop].mean(axis=0))
                 is_one = bool((changed <= 0.5 * band).all())
             ranges.append((ranges.pop()[0] if is_one else first, stop))
-        first = stop
     windows = [_window(time, tensions, samples, band, rule) for samples in ranges]
     return [window for window in windows if window is not None]
 
@@ -185,17 +182,14 @@ def ramp_windows(time: FloatArray, tensions: FloatArray, width: float | None) ->
     tensions = held_readings(tensions)
     gap = _longest_gap(time, 1.0)
     windows: list[Window] = []
-    first = 0
-    while first < len(time):
+    for first, stop in _bands(time, tensions, width, gap):
         if len(windows) == MOST_WINDOWS:
             raise MeasurementError(
                 f'more than {MOST_WINDOWS} windows of {width:g} N, expected a wider --ramp'
             )
-        stop = _end_of_band(time, tensions, first, width, gap)
         part = tensions[first:stop]
         ends = float(time[first]), float(time[stop - 1])
         windows.append(Window(*ends, part.mean(axis=0), np.zeros(tensions.shape[1])))
-        first = stop
     return windows
 
 
@@ -246,16 +240,18 @@ def _longest_gap(time: FloatArray, least: float) -> float:
     return max(least, 5.0 * float(np.median(np.diff(time)))) if len(time) > 1 else least
 
 
-def _end_of_band(
-    time: FloatArray, tensions: FloatArray, first: int, band: float, gap: float
-) -> int:
-    """Return the first sample after ``first`` that is not within a band with those between."""
-    low = high = tensions[first]
-    for number in range(first + 1, len(time)):
+def _bands(
+    time: FloatArray, tensions: FloatArray, band: float, gap: float
+) -> Iterator[tuple[int, int]]:
+    """Yield the ranges of samples, each as long as it is within a band and without a gap."""
+    first, low, high = 0, tensions[:1], tensions[:1]
+    for number in range(1, len(time)):
         low, high = np.minimum(low, tensions[number]), np.maximum(high, tensions[number])
         if time[number] - time[number - 1] > gap or (high - low > band).any():
-            return number
-    return len(time)
+            yield first, number
+            first, low, high = number, tensions[number], tensions[number]
+    if len(time):
+        yield first, len(time)
 
 
 def with_displacements(window: Window, recording: Recording) -> Window:

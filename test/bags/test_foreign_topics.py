@@ -238,8 +238,8 @@ def test_messages_that_measure_nothing_are_told(tmp_path):
     assert len(groups) == 1 and rows.rows.tolist() == [[0.1, 0.0, 0.0, 0.0]]
     reasons = ' | '.join(refusals.lines())
     for words in (
-        f'/tendon_tensions: 1 left out, as reading of {NAMES[0]} is nan N, expected a finite',
-        f'reading of {NAMES[2]} is -1e+200 N, expected a finite number of at most 1e+30',
+        f'/tendon_tensions: 1 left out, as reading of {NAMES[0]} is nan, expected a finite',
+        f'reading of {NAMES[2]} is -1e+200, expected a finite number [N] of at most 1e+30',
         '/measured/markers: 1 left out, as ',
         '2 marker(s), expected 1',
         'bytes that are no geometry_msgs',
