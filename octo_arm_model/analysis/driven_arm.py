@@ -68,11 +68,11 @@ class DrivenArm:
                 if self.displacements:
                     dropped.append('tensions dropped: this arm has other tendons')
         if not now.has_balance_of(before):
-            shape, self._last = self._shape, None
-            if shape is not None and shape.point_tensions is not None:
+            if self.has_history:
                 dropped.append(
                     'friction history forgotten: arm, model, base, loads or stations have changed'
                 )
+            self._last = None
         return dropped
 
     def answer(
@@ -92,9 +92,9 @@ class DrivenArm:
         true.
 
         Raises:
-            OctoArmError: if there is no shape; tensions and displacements stay as they were.
+            OctoArmError: if there is no shape; everything stays as it was.
         """
-        before = self.tensions, self.displacements
+        before = vars(self).copy()
         source = 'tensions' if displacements is None else 'displacements'
         self._recall(time_ns, config.friction_memory, source)
         if tensions is not None:
@@ -104,13 +104,18 @@ class DrivenArm:
         try:
             return self._answer(solver, config, tip_wrench, has_covariance)
         except OctoArmError:
-            self.tensions, self.displacements = before
+            vars(self).update(before)
             raise
 
     @property
     def _shape(self) -> Backbone | None:
         """The last shape."""
         return self._last.backbone if isinstance(self._last, Wound) else self._last
+
+    @property
+    def has_history(self) -> bool:
+        """Whether the last shape has a history of friction."""
+        return self._shape is not None and self._shape.point_tensions is not None
 
     def _recall(self, time_ns: int, seconds: float, source: str) -> None:
         """Discard the last shape or its history if they are not valid at ``time_ns`` [ns].
@@ -125,13 +130,13 @@ class DrivenArm:
             self._newest_ns, self._last = {source: time_ns}, None
             return
         gap = time_ns - max(newest.values(), default=time_ns)
-        newest[source] = time_ns
-        shape = self._shape
-        if not 0.0 < seconds < 1e-9 * gap or shape is None or shape.point_tensions is None:
+        self._newest_ns = {**newest, source: time_ns}
+        if not (0.0 < seconds < 1e-9 * gap and self.has_history):
             return
         self.forgotten += 1
         # The shape is still the start of the continuation of a loaded arm.
-        without = dataclasses.replace(shape, point_tensions=None)
+        assert self._shape is not None
+        without = dataclasses.replace(self._shape, point_tensions=None)
         wound = self._last
         self._last = (
             dataclasses.replace(wound, backbone=without) if isinstance(wound, Wound) else without

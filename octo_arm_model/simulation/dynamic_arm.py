@@ -136,28 +136,30 @@ class DynamicArm(SimulatedArm):
         """Simulate the arm of ``config`` by the model exact; OctoArmError if it has no density."""
         super().__init__(config, push, sensors, is_pushed=True)
         self._dynamics = self.config.dynamics()
+        self._s = self._dynamics.nodes.s
         # Several sensors and the ground truth ask for the shape of one state.
         self._shape_of = functools.lru_cache(1)(self._dynamics.backbone)
         self._names = np.array(config.arm.tendon_names)
-        self._held = self._none = np.full(self._names.size, np.nan)
-        self._state: MotionState | None = None
-        self.surroundings = Surroundings(config.base, config.motion.current)
-
-    def go_on_from(self, before: SimulatedArm) -> bool:
-        """Take the state of the same arm ``before``, or return whether friction is forgotten."""
-        if not isinstance(before, DynamicArm):
-            return False
-        is_same = np.array_equal(self._dynamics.nodes.s, before._dynamics.nodes.s)
-        if is_same and self._config.has_balance_of(before._config):
-            self._state, self.surroundings = before._state, before.surroundings
-            self._held = before._held
-            return False
-        return before._state is not None and before._state.history is not None
+        self._none = np.full(self._names.size, np.nan)
+        self.reset()
 
     def reset(self) -> None:
         """Be at rest as at first, without a history of friction, base and current as at first."""
-        self._state, self._held = None, self._none
+        super().reset()
+        self._state: MotionState | None = None
+        self._held = self._none
         self.surroundings = Surroundings(self._config.base, self._config.motion.current)
+
+    def _take_state(self, before: 'DynamicArm') -> None:
+        self._state, self._held = before._state, before._held
+        self.surroundings = before.surroundings
+        if (current := self._config.motion.current) != before._config.motion.current:
+            self.surroundings.values[2, _CURRENT], self.surroundings.is_told = current, True
+
+    @property
+    def has_history(self) -> bool:
+        """Whether tendons with friction have a history."""
+        return self._state is not None and self._state.history is not None
 
     def check_force(self, force: FloatArray) -> None:
         """Check a ``force`` of the push, (3,) [N]; raise LoadError if it is too large."""

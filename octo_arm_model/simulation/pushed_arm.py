@@ -113,13 +113,16 @@ class SimulatedArm(ABC):
         config: configuration of the arm, with a push that is not at the tip among its loads.
     """
 
+    _s: FloatArray  # arc coordinates of the points of the arm [m]
+    _random: np.random.Generator
+
     def __init__(self, config: Config, push: Push, sensors: Sensors, is_pushed: bool) -> None:
         """Simulate the arm of ``config``; the noise of ``sensors`` follows from their seed.
 
         The force of ``push`` can act only if it ``is_pushed``.
         """
         self._config = self.config = config
-        self._sensors, self._random = sensors, np.random.default_rng(sensors.seed)
+        self._sensors = sensors
         self._at_tip = push.is_at_tip(config.arm.length)
         self._push: ScaledLoads | None = None
         if is_pushed and not self._at_tip:
@@ -133,16 +136,32 @@ class SimulatedArm(ABC):
             self._push.magnitudes[:] = force
         return np.append(force * self._at_tip, np.zeros(3))
 
-    @abstractmethod
     def go_on_from(self, before: 'SimulatedArm') -> bool:
-        """Take over the state of ``before`` if it is the same arm; else keep none.
+        """Take over the state of ``before`` if it is the same arm, and the noise of its seed.
 
         Return whether the history of tendons with friction is lost.
         """
+        if self._sensors.seed == before._sensors.seed:
+            self._random = before._random
+        # A push elsewhere than at the tip adds points to the arm.
+        is_same = type(self) is type(before) and np.array_equal(self._s, before._s)
+        if is_same and self._config.has_balance_of(before._config):
+            self._take_state(before)
+            return False
+        return before.has_history
+
+    def reset(self) -> None:
+        """Be as at first: without a shape or a history of friction; noise begins anew."""
+        self._random = np.random.default_rng(self._sensors.seed)
 
     @abstractmethod
-    def reset(self) -> None:
-        """Forget the shape and the history of tendons with friction."""
+    def _take_state(self, before: Any) -> None:
+        """Take over the state of the same arm ``before``."""
+
+    @property
+    @abstractmethod
+    def has_history(self) -> bool:
+        """Whether tendons with friction have a history."""
 
     @property
     @abstractmethod
@@ -187,7 +206,7 @@ class PushedArm(SimulatedArm):
     """A simulated arm without inertia, in equilibrium at any time.
 
     Attributes:
-        tip_wrench: present push of the tip, (6,) [N, N m]; None without, as some models take none.
+        force: present push, (3,) [N].
     """
 
     def __init__(self, config: Config, push: Push, sensors: Sensors) -> None:
@@ -199,29 +218,26 @@ class PushedArm(SimulatedArm):
         """
         super().__init__(config, push, sensors, any(push.force))
         self._solver = self.config.solver()
+        self._s = self._solver.grid.s
         self._solver.check_tip_wrench(self._wrench(np.array(push.force)))
-        self._shape: Backbone | None = None
-        self._force = np.zeros(3)
-        self.tip_wrench: FloatArray | None = None
         self._push_s = push.s or config.arm.length
         if sensors.base_wrench_rate:
             require_covered(config.loads)
-
-    def go_on_from(self, before: SimulatedArm) -> bool:
-        """Take the shape of the same arm ``before``, or return whether friction is forgotten."""
-        if not isinstance(before, PushedArm):
-            return False
-        # A push elsewhere than at the tip adds points to the arm.
-        is_same = np.array_equal(self._solver.grid.s, before._solver.grid.s)
-        if is_same and self._config.has_balance_of(before._config):
-            self._shape, self._force = before._shape, before._force
-            self.tip_wrench = before.tip_wrench
-            return False
-        return before._shape is not None and before._shape.point_tensions is not None
+        self.reset()
 
     def reset(self) -> None:
-        """Forget the shape and the history of tendons with friction."""
-        self._shape = None
+        """Be as at first: without a shape, a push or a history of friction."""
+        super().reset()
+        self._shape: Backbone | None = None
+        self.force = np.zeros(3)
+
+    def _take_state(self, before: 'PushedArm') -> None:
+        self._shape, self.force = before._shape, before.force
+
+    @property
+    def has_history(self) -> bool:
+        """Whether tendons with friction have a history."""
+        return self._shape is not None and self._shape.point_tensions is not None
 
     def advance(self, tensions: FloatArray, force: FloatArray) -> None:
         """Find the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
@@ -229,10 +245,17 @@ class PushedArm(SimulatedArm):
         Raises:
             OctoArmError: if there is no such shape; the last one is kept.
         """
-        shape, wrench = self._config.arm.tension_shape, self._wrench(force)
-        push = wrench if wrench.any() else None
+        shape, push = self._config.arm.tension_shape, self.push_with(force)
         self._shape = self._solver.follow(tensions.reshape(shape), self._shape, push)
-        self._force, self.tip_wrench = force, push
+        self.force = force
+
+    def push_with(self, force: FloatArray) -> FloatArray | None:
+        """Push with a ``force`` (3,) [N], and return the wrench (6,) on the tip.
+
+        It is None without, as some models take none.
+        """
+        wrench = self._wrench(force)
+        return wrench if wrench.any() else None
 
     @property
     def backbone(self) -> Backbone:
@@ -254,7 +277,7 @@ class PushedArm(SimulatedArm):
         shape, loads = self.backbone, self._config.loads
         moments = [loads.tip_moment, *(point.moment for point in loads.points)]
         lever = CubicSpline(shape.s, shape.position - shape.position[0])
-        forces = [*self._forces, self._force]
+        forces = [*self._forces, self.force]
         levers = [*lever(shape.s), lever(self._push_s)]
         moment = np.cross(levers, forces).sum(axis=0) + np.sum(moments, axis=0)
         return np.concatenate([np.sum(forces, axis=0), moment])

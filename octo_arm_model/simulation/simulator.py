@@ -346,7 +346,7 @@ class TendonDrive:
 
     def _at_rest(self, lengths: Mapping[str, float], tensions: FloatArray) -> Wound:
         names, arm = self._config.model.arm.tendon_names, self._config.pushed_arm
-        wrench = arm.tip_wrench if isinstance(arm, PushedArm) else None
+        wrench = arm.push_with(arm.force) if isinstance(arm, PushedArm) else None
         driven = {
             name: float(tension)
             for name, tension in zip(names, tensions, strict=True)

@@ -151,14 +151,17 @@ def read_poses(data: bytes) -> tuple[float, FloatArray]:
         MessageError: if ``data`` is not a PoseArray.
     """
     try:
-        order, start = '<' if data[1] else '>', len(cdr.ENCAPSULATION)
+        order, start = {b'\0\0': '>', b'\0\1': '<'}[bytes(data[:2])], len(cdr.ENCAPSULATION)
         sec, nanosec, length = struct.unpack_from(f'{order}iII', data, start)
         place = start + cdr.aligned(12 + length, 4)
         (count,) = struct.unpack_from(f'{order}I', data, place)
         place = start + cdr.aligned(place + 4 - start, 8)
-        poses = np.frombuffer(data[place : place + 8 * cdr.POSE * count], f'{order}f8')
+        end = place + 8 * cdr.POSE * count
+        if len(data) - end >= 8:  # a serialiser may append fewer
+            raise ValueError
+        poses = np.frombuffer(data[place:end], f'{order}f8')
         return sec + 1e-9 * nanosec, poses.astype(np.float64).reshape(count, cdr.POSE)
-    except (IndexError, ValueError, struct.error) as error:
+    except (KeyError, ValueError, struct.error) as error:
         raise MessageError(f'{len(data)} bytes that are no PoseArray') from error
 
 

@@ -79,21 +79,23 @@ def _cloud(message: Any) -> FloatArray:
     fields = {str(field.name): field for field in message.fields}
     if any(axis not in fields or fields[axis].datatype not in kinds for axis in 'xyz'):
         raise MeasurementError('its fields x, y, z are missing, or no floating point numbers')
-    step, count = int(message.point_step), int(message.width) * int(message.height)
+    step, shape = int(message.point_step), (int(message.height), int(message.width))
+    row, count = int(message.row_step) if shape[0] > 1 else shape[1] * step, math.prod(shape)
     formats = [order + kinds[fields[axis].datatype] for axis in 'xyz']
     offsets = [int(fields[axis].offset) for axis in 'xyz']
     ends = [offset + int(form[-1]) for offset, form in zip(offsets, formats)]
     data = np.asarray(message.data, np.uint8)
-    if max(ends) > step or count * step > data.size or count > MAX_VALUES:
+    fits = max(ends) <= step and shape[1] * step <= row and shape[0] * row <= data.size
+    if not fits or count > MAX_VALUES:
         raise MeasurementError(
-            f'{count} points of {step} bytes each do not fit into its {data.size}, or are more '
-            f'than {MAX_VALUES}'
+            f'{count} points of {step} bytes in rows of {row} do not fit into its {data.size}, '
+            f'or are more than {MAX_VALUES}'
         )
     layout = np.dtype(
         {'names': ['x', 'y', 'z'], 'formats': formats, 'offsets': offsets, 'itemsize': step}
     )
-    rows = np.frombuffer(data.tobytes(), layout, count)
-    return np.stack([rows[axis] for axis in 'xyz'], axis=1).astype(np.float64).ravel()
+    points = np.ndarray(shape, layout, data.tobytes(), 0, (row, step))
+    return np.stack([points[axis] for axis in 'xyz'], axis=-1).astype(np.float64).ravel()
 
 
 # The positions in a message, by its type: types of many points, and types of one.

@@ -9,7 +9,7 @@ import pytest
 from differences import jacobian
 from numpy.testing import assert_allclose
 
-from octo_arm_model import Config, Solver, Uncertainty, solve_displacements
+from octo_arm_model import Config, OctoArmError, Solver, Uncertainty, solve_displacements
 from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of
@@ -49,6 +49,21 @@ def test_gap_resets_the_history(frictional, seconds, gap, forgets):
     expected = solver.solve(LOW) if forgets else solver.follow(LOW, loaded)
     assert_allclose(shape.position, expected.position, rtol=0.0, atol=1e-12)
     assert arm.forgotten == forgets
+
+
+@pytest.mark.parametrize('seconds', [1.5, 50.0])
+def test_a_refused_message_leaves_no_trace(frictional, seconds):
+    tips = []
+    for refused in ((), (1e4 * HIGH,)):
+        _, follow, arm = solver_and_follow(frictional, 2.0)
+        follow(SECOND, tensions=HIGH)
+        follow(2 * SECOND, tensions=LOW)
+        for tensions in refused:  # before the newest stamp, and after a gap
+            with pytest.raises(OctoArmError):
+                follow(round(seconds * SECOND), tensions=tensions)
+        tips.append(follow(3 * SECOND, tensions=LOW).tip)
+        assert arm.forgotten == 0
+    assert_allclose(*tips, rtol=0.0, atol=1e-12)
 
 
 def test_late_encoders_do_not_reset_the_history(frictional):

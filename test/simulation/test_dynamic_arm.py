@@ -85,6 +85,25 @@ def test_an_arm_goes_on_where_it_was_and_begins_anew_when_told():
     assert arm.state.time == pytest.approx(0.25)
 
 
+def test_the_current_that_is_set_last_flows():
+    arms = [
+        DynamicArm(
+            dataclasses.replace(CONFIG, motion=dataclasses.replace(CONFIG.motion, current=flow)),
+            Push(),
+            SENSORS,
+        )
+        for flow in ((0.2, 0.0, 0.0), (0.0, 0.1, 0.0))
+    ]
+    arms[0].advance(np.zeros(12), NONE, 0.0)
+    arms[0].surroundings.flow((0.0, 0.0, 0.3))
+    arms[1].go_on_from(arms[0])
+    # A parameter, and later a message.
+    for flow in ((0.0, 0.1, 0.0), (0.0, 0.0, 0.2)):
+        arms[1].advance(np.zeros(12), NONE, 20 * LAG)
+        assert current_of(arms[1].surroundings.values) == pytest.approx(flow, abs=1e-6)
+        arms[1].surroundings.flow((0.0, 0.0, 0.2))
+
+
 def test_an_arm_that_cannot_move_is_refused():
     with pytest.raises(ArmDefinitionError, match='density'):
         DynamicArm(PLAIN, Push(), Sensors())

@@ -150,6 +150,32 @@ def test_what_cannot_be_solved_is_refused_with_a_reason():
     assert SimulatorConfig.from_parameters(VALUES).pushed_arm is None
 
 
+def test_a_change_of_what_does_not_concern_the_arm_leaves_noise_and_lengths_as_they_are():
+    noisy = {'sensors.tip_pose_rate': 10.0, 'sensors.tip_position_stddev': 1e-3}
+    given = VALUES | noisy | {'push.force': FORCE.tolist(), 'push.s': 0.1, 'push.period': 2.0}
+    results = []
+    for changes in ({}, {'rate': 50.0}):
+        config = SimulatorConfig.from_parameters(given)
+        drive, found = TendonDrive(config), []
+        drive.move(drive.advance(TENSIONS, 0.01), 0.0 * FORCE, 0.01)
+        drive.hold({CONFIG.arm.tendon_names[0]: 0.003}, TENSIONS)
+        for more in ({}, changes, changes):
+            config = SimulatorConfig.from_parameters(given | more)
+            drive.go_on_with(config)
+            # The push does not act at present.
+            pulled = drive.set_points(TENSIONS)
+            drive.move(drive.advance(pulled, 0.01), 0.0 * FORCE, 0.01)
+            found.append([*pulled, *config.pushed_arm.tip_pose().position])
+        assert np.ptp(found, axis=0)[4:].min() > 1e-5
+        results.append(found)
+        config.pushed_arm.reset()
+        drive = TendonDrive(config)
+        drive.move(drive.advance(pulled, 0.01), 0.0 * FORCE, 0.01)
+        again = config.pushed_arm.tip_pose().position
+        np.testing.assert_allclose(again, found[0][4:], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(*results, rtol=0.0, atol=1e-9)
+
+
 def test_tendons_with_friction_keep_their_history_while_they_are_pushed():
     rough = dataclasses.replace(CONFIG, arm=dataclasses.replace(CONFIG.arm, friction=4 * (0.2,)))
     loads = Loads(points=(PointLoad(0.1, tuple(FORCE)),))

@@ -178,6 +178,20 @@ def test_poses_are_read_as_by_ros(count, frame):
     assert_array_equal(read, expected)
 
 
+@given(SEEDS)
+def test_bytes_that_are_no_poses_are_refused(seed):
+    random = np.random.default_rng(seed)
+    count = int(random.integers(0, 9))
+    poses = [pose_message(p[:3], p[3:]) for p in random.normal(size=(count, 7))]
+    data = serialize_message(PoseArray(header=header_of('x' * (seed % 9), (1, 2)), poses=poses))
+    # Cut, too long, in another encoding, of another number of poses.
+    cut, place = data[: random.integers(0, 20 + 56 * count)], 16 + -(-(seed % 9 + 1) // 4) * 4
+    others = [data[:place] + bytes([n]) + data[place + 1 :] for n in range(9) if n != count]
+    for wrong in (cut, data + bytes(16), b'\0\7' + data[2:], b'\1' + data[1:], *others):
+        with pytest.raises(MessageError, match='bytes that are no PoseArray'):
+            read_poses(wrong)
+
+
 # Markers -----------------------------------------------------------------------------------------
 
 

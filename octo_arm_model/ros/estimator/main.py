@@ -84,7 +84,8 @@ class PreparedEstimator(Prepared):
     def estimates_as(self, other: PreparedEstimator) -> bool:
         """Whether the same measurements give the same estimate as with ``other``."""
         mine, theirs = (
-            (arm.settings, arm.config.load_cells, arm.config.base_frame) for arm in (self, other)
+            (arm.settings, arm.config.load_cells, arm.config.encoders, arm.config.base_frame)
+            for arm in (self, other)
         )
         return mine == theirs and self.config.has_balance_of(other.config)
 

@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import JumpThreshold, TimeJump
@@ -29,7 +30,7 @@ class SteppedClock:
 
     def __init__(self, node: Node) -> None:
         """Follow the clock of ``node``."""
-        self._clock = node.get_clock()
+        self._clock: Any = node.get_clock()
         self._step = 0.0
         every_step = JumpThreshold(
             min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=False
@@ -60,7 +61,8 @@ class SteppedClock:
 
         It is negative if the stamp is behind, and zero while the time is not known.
         """
-        return 1e-9 * (stamp.ns - now_ns) - _STEPS * self._step if now_ns else 0.0
+        tolerance = _STEPS * self._step * self._clock.ros_time_is_active
+        return 1e-9 * (stamp.ns - now_ns) - tolerance if now_ns else 0.0
 
 
 TOPIC = '/diagnostics'
@@ -185,7 +187,6 @@ class Diagnostics:
             problem = f'no covariance, and so no tip_pose, for {unknown}: {self._unknown}'
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
         solver, backbone = self._solver, self._backbone
-        has_history = backbone is not None and backbone.point_tensions is not None
         return make_status(
             'solver',
             level,
@@ -201,7 +202,7 @@ class Diagnostics:
                 'beyond solve_budget': self._totals['unaffordable'],
                 'last failure': self._failure,
                 'shapes without tip_pose': self._totals['tip unknown'],
-                'friction history kept': has_history,
+                'friction history kept': self.arm is not None and self.arm.has_history,
                 'friction history forgotten after a gap': self.arm.forgotten if self.arm else 0,
             },
         )

@@ -59,9 +59,6 @@ class SimulatorNode(CheckedNode):
         super().__init__('octo_arm_sim', **options)
         self._configured: SimulatorConfig | None = None
         self._folder: Path | None = None  # of the files that states are saved to
-        self._set_point: FloatArray = np.zeros(0)
-        # Since the beginning; of the profile a float, as its speed need not be 1.
-        self._time_ns, self._played_ns = 0, 0.0
         self._measured, self._effective = (
             topics.create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
@@ -106,23 +103,26 @@ class SimulatorNode(CheckedNode):
         previous, self._configured = self._configured, config
         if any(name.startswith('push.') for name in names):
             self._push.forget()
-        tendons = config.model.arm.tendon_names
         if previous is None:
-            self._drive = TendonDrive(config)
+            self._reset()
         else:
-            for lost in self._drive.go_on_with(config):
-                self.get_logger().warning(lost)
-        if previous is None or tendons != previous.model.arm.tendon_names:
-            self._command: FloatArray = np.zeros(len(tendons))
+            self._go_on_from(previous, names)
+        self._time.use(config.course)
+
+    def _go_on_from(self, previous: SimulatorConfig, names: set[str]) -> None:
+        config = self._config
+        for lost in self._drive.go_on_with(config):
+            self.get_logger().warning(lost)
+        if config.model.arm.tendon_names != previous.model.arm.tendon_names:
+            self._command = np.zeros(len(config.model.arm.tendons))
         elif (self._command > config.limits).any():
             self._command = np.minimum(self._command, config.limits)
             self.get_logger().warning('tendons go down to their new limits')
-        if previous is None or 'profile.name' in names:
+        if 'profile.name' in names:
             self._is_playing, self._played_ns = config.profile is not None, 0.0
             if self._is_playing and self._drive.held:
                 held = ' '.join(self._drive.held)
                 self.get_logger().warning(f'the profile leaves out, as driven by length: {held}')
-        self._time.use(config.course)
 
     @property
     def _config(self) -> SimulatorConfig:
@@ -190,9 +190,11 @@ class SimulatorNode(CheckedNode):
     def _reset(self) -> None:
         """Reset the simulation: slack tendons, no commands, the arm at rest without history."""
         config = self._config
-        self._drive, self._command = TendonDrive(config), np.zeros(len(config.model.arm.tendons))
+        self._drive = TendonDrive(config)
+        self._command = self._set_point = np.zeros(len(config.model.arm.tendons))
         if config.pushed_arm is not None:
             config.pushed_arm.reset()
+        # Times since the beginning; of the profile a float, as its speed need not be 1.
         self._is_playing, self._played_ns, self._time_ns = config.profile is not None, 0.0, 0
         self._push.forget()
 
@@ -235,6 +237,7 @@ class SimulatorNode(CheckedNode):
         self._command, self._played_ns = values['command'], values['played'].item()
         self._is_playing = bool(values['playing']) and config.profile is not None
         self._time_ns = round(values['time_ns'].item())
+        self._time.is_stopped = False
         self._push.forget()
         self._outputs.forget()
         arm.restore(state, values['surroundings'])

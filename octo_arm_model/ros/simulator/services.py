@@ -40,12 +40,13 @@ class SimulationClock:
 
     Attributes:
         is_paused: whether time stands still.
+        is_stopped: whether it stands still since a reset that has stopped it.
     """
 
     def __init__(self, node: Node, step: Callable[[int, Time], None]) -> None:
         """Call ``step`` with the length of the step [ns] and the time at its end."""
         self._node, self._step = node, step
-        self.is_paused = False
+        self.is_paused = self.is_stopped = False
         self._timer: Timer | None = None
         self._clock: Any = node.get_clock()
         on_change = JumpThreshold(min_forward=None, min_backward=None, on_clock_change=True)
@@ -76,7 +77,11 @@ class SimulationClock:
                 self._publisher = create_publisher(self._node, ClockMessage, TOPIC, _QOS)
             period = self.period / factor if factor else _SLICE_PERIOD
             self._timer = steady_timer(self._node, period, self._run_freely)
-        elif self._clock.ros_time_is_active:
+            return
+        if self._publisher is not None:
+            self._node.destroy_publisher(self._publisher)
+            self._publisher = None
+        if self._clock.ros_time_is_active:
             self._timer = self._node.create_timer(self.period, self._follow_clock)
         else:
             # By the time of the system a timer would stand still for as long as that is set back.
@@ -111,7 +116,8 @@ class SimulationClock:
 
     def _advance(self, elapsed_ns: int, now: Time) -> None:
         with until_shutdown(self._node.context):
-            if self._course.publish_clock and self._publisher is not None:
+            self.is_stopped = False
+            if self._publisher is not None:
                 self._time_ns += elapsed_ns
                 now = Time(nanoseconds=self._time_ns)
                 # The clock comes first, so that subscribers know the time of the messages to come.
@@ -151,7 +157,7 @@ class SimulationServices:
         ``reset`` returns to rest with slack tendons, ``save`` writes the state to a file, and
         ``restore`` continues from it. Each may raise an `OctoArmError`.
         """
-        self._clock, self._reset, self._is_stopped = clock, reset, False
+        self._clock, self._reset = clock, reset
         node.create_service(SetBool, 'pause', self._pause)
         for name, act, done in (
             ('step', self._step_once, 'went on by one period'),
@@ -176,7 +182,8 @@ class SimulationServices:
             node.create_service(getattr(self._kinds, name), service, answer)
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._clock.is_paused, response.success = bool(request.data), True
+        self._clock.is_paused, self._clock.is_stopped = bool(request.data), False
+        response.success = True
         response.message = 'paused' if request.data else 'goes on'
         return response
 
@@ -204,7 +211,7 @@ class SimulationServices:
         states = self._messages.SimulationState
         if not self._clock.is_paused:
             return int(states.STATE_PLAYING)
-        return int(states.STATE_STOPPED if self._is_stopped else states.STATE_PAUSED)
+        return int(states.STATE_STOPPED if self._clock.is_stopped else states.STATE_PAUSED)
 
     def _features(self, _: Any, response: Any) -> Any:
         constants = self._messages.SimulatorFeatures
@@ -227,9 +234,9 @@ class SimulationServices:
             unchanged = self._kinds.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
             response.result.result = unchanged
             return response
-        self._is_stopped = requested == states.STATE_STOPPED
+        self._clock.is_stopped = requested == states.STATE_STOPPED
         self._clock.is_paused = requested != states.STATE_PLAYING
-        if self._is_stopped:
+        if self._clock.is_stopped:
             self._reset_all()
         return self._result(response, 'RESULT_OK')
 
@@ -251,7 +258,6 @@ class SimulationServices:
             problem = f'steps is {request.steps}, expected at most {most} in one request'
         if problem:
             return self._result(response, 'RESULT_OPERATION_FAILED', problem)
-        self._is_stopped = False
         for _ in range(request.steps):
             self._clock.step()
         return self._result(response, 'RESULT_OK')

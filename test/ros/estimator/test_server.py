@@ -257,12 +257,18 @@ def test_noise_that_is_larger_than_told_is_said(client):
 
 def test_what_does_not_concern_the_estimate_leaves_it_as_it_is(client):
     client.force = FORCE
-    client.measure(1000.0 + 0.05 * np.arange(12))
-    for change, goes_on in (({'markers_rate': 7.0}, True), ({'estimator__gate': 0.99}, False)):
+    cases = (
+        ({'markers_rate': 7.0}, True),
+        ({'estimator__gate': 0.99}, False),
+        ({'displacement_scale': [2.0]}, False),
+        ({'displacement_scale': [1.0]}, False),
+    )
+    for second, (change, goes_on) in enumerate(cases, 1000):
+        client.measure(second + 0.05 * np.arange(12))
         assert client.change(**change) == (True, '')
-        client.tell('tendon_tensions', 1000.6)
+        client.tell('tendon_tensions', second + 0.6)
         stddev = client.wrench('tip_wrench/estimate')[1]
-        assert (stddev[1:].max() < 0.5 * PRIOR) == goes_on, stddev
+        assert (stddev[1:].max() < 0.5 * PRIOR) == goes_on, (change, stddev)
 
 
 def test_a_bias_of_the_load_cells_is_estimated_where_it_may_be(client):

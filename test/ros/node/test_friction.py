@@ -66,6 +66,8 @@ def test_a_loop_has_two_shapes_and_a_gap_ends_the_memory():
         assert tips[-1].header.stamp.sec < second
         _, values = client.status('solver')
         assert values['shapes without tip_pose'] == '1'
+        assert client.change(tendons__friction=[0.1]) == (True, '')
+        assert client.status('solver')[1]['friction history kept'] == 'False'
         refused = (False, 'friction_memory is -1.0, expected a finite time >= 0 [s]')
         assert client.change(friction_memory=-1.0) == refused
 

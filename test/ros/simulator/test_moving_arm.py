@@ -254,6 +254,12 @@ def test_the_simulators_own_time_goes_on_by_a_period_each_step(factor):
         client.times.clear()
         client.pause(False)
         client.wait(lambda: len(client.times) > 3, 'time')
+        # Others may publish the time then.
+        assert client.change(publish_clock=False, real_time_factor=1.0) == (True, '')
+        client.wait(lambda: not client.node.count_publishers('/clock'), 'the end of the clock')
+        assert client.change(publish_clock=True) == (True, '')
+        client.times.clear()
+        client.wait(lambda: client.times, 'time')
 
 
 def test_an_arm_that_is_crushed_stays_as_it_was_and_is_not_published():
