@@ -17,7 +17,7 @@ _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
     'octo_arm_model': 44_920,
-    'octo_arm_model/analysis': 1_600,
+    'octo_arm_model/analysis': 1_610,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_490,
     'octo_arm_model/bags': 2_580,
@@ -30,8 +30,8 @@ MOST = {
     'octo_arm_model/ros': 4_820,
     'octo_arm_model/simulation': 2_220,
     'octo_arm_model/viewer': 2_130,
-    'octo_arm_model/wire': 1_390,
-    'test': 25_100,
+    'octo_arm_model/wire': 1_380,
+    'test': 25_210,
 }
 
 

@@ -92,16 +92,8 @@ def pose_message(position: FloatArray, quaternion: FloatArray) -> Pose:
 
 
 # All policies of rclpy but avoid_ros_namespace_conventions, which changes the name of the topic.
-POLICIES = (
-    QoSPolicyKind.HISTORY,
-    QoSPolicyKind.DEPTH,
-    QoSPolicyKind.RELIABILITY,
-    QoSPolicyKind.DURABILITY,
-    QoSPolicyKind.DEADLINE,
-    QoSPolicyKind.LIFESPAN,
-    QoSPolicyKind.LIVELINESS,
-    QoSPolicyKind.LIVELINESS_LEASE_DURATION,
-)
+_NO_POLICIES = QoSPolicyKind.INVALID, QoSPolicyKind.AVOID_ROS_NAMESPACE_CONVENTIONS
+POLICIES = tuple(policy for policy in QoSPolicyKind if policy not in _NO_POLICIES)
 MAX_DEPTH = 100_000
 _OVERRIDES = 'qos_overrides.'
 # rclpy raises these for impossible values of a policy.

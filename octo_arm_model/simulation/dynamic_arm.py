@@ -156,11 +156,6 @@ class DynamicArm(SimulatedArm):
         if (current := self._config.motion.current) != before._config.motion.current:
             self.surroundings.values[2, _CURRENT], self.surroundings.is_told = current, True
 
-    @property
-    def has_history(self) -> bool:
-        """Whether tendons with friction have a history."""
-        return self._state is not None and self._state.history is not None
-
     def check_force(self, force: FloatArray) -> None:
         """Check a ``force`` of the push, (3,) [N]; raise LoadError if it is too large."""
         self._dynamics.solver.check_tip_wrench(np.append(force, np.zeros(3)))
@@ -188,8 +183,8 @@ class DynamicArm(SimulatedArm):
         Raises:
             SolveError: if no step succeeds; the last state is kept.
         """
-        wrench = self._wrench(force)
-        inputs = Inputs(tensions.reshape(self._config.arm.tension_shape), tip_wrench=wrench)
+        wrench, shape = self.push_with(force), self._config.arm.tension_shape
+        inputs = Inputs(tensions.reshape(shape), tip_wrench=wrench)
         state = self._state
         if state is None:
             self._state, self._held = self._dynamics.at_rest(inputs), self._none

@@ -130,25 +130,28 @@ class SimulatedArm(ABC):
             loads = dataclasses.replace(config.loads, scaled=self._push)
             self.config = dataclasses.replace(config, loads=loads)
 
-    def _wrench(self, force: FloatArray) -> FloatArray:
-        """Push with a ``force`` (3,) [N], and return the wrench (6,) that acts on the tip."""
+    def push_with(self, force: FloatArray) -> FloatArray | None:
+        """Push with a ``force`` (3,) [N], and return the wrench (6,) on the tip.
+
+        It is None without, as some models take none.
+        """
         if self._push is not None:
             self._push.magnitudes[:] = force
-        return np.append(force * self._at_tip, np.zeros(3))
+        return np.append(force, np.zeros(3)) if self._at_tip and force.any() else None
 
     def go_on_from(self, before: 'SimulatedArm') -> bool:
-        """Take over the state of ``before`` if it is the same arm, and the noise of its seed.
+        """Take over the state of ``before`` if it is the same arm; return whether it is.
 
-        Return whether the history of tendons with friction is lost.
+        Take over also its noise, if that has the same seed.
         """
         if self._sensors.seed == before._sensors.seed:
             self._random = before._random
         # A push elsewhere than at the tip adds points to the arm.
-        is_same = type(self) is type(before) and np.array_equal(self._s, before._s)
-        if is_same and self._config.has_balance_of(before._config):
+        has_points = type(self) is type(before) and np.array_equal(self._s, before._s)
+        is_same = has_points and self._config.has_balance_of(before._config)
+        if is_same:
             self._take_state(before)
-            return False
-        return before.has_history
+        return is_same
 
     def reset(self) -> None:
         """Be as at first: without a shape or a history of friction; noise begins anew."""
@@ -157,11 +160,6 @@ class SimulatedArm(ABC):
     @abstractmethod
     def _take_state(self, before: Any) -> None:
         """Take over the state of the same arm ``before``."""
-
-    @property
-    @abstractmethod
-    def has_history(self) -> bool:
-        """Whether tendons with friction have a history."""
 
     @property
     @abstractmethod
@@ -219,7 +217,7 @@ class PushedArm(SimulatedArm):
         super().__init__(config, push, sensors, any(push.force))
         self._solver = self.config.solver()
         self._s = self._solver.grid.s
-        self._solver.check_tip_wrench(self._wrench(np.array(push.force)))
+        self._solver.check_tip_wrench(np.append(push.force, np.zeros(3)) * self._at_tip)
         self._push_s = push.s or config.arm.length
         if sensors.base_wrench_rate:
             require_covered(config.loads)
@@ -234,11 +232,6 @@ class PushedArm(SimulatedArm):
     def _take_state(self, before: 'PushedArm') -> None:
         self._shape, self.force = before._shape, before.force
 
-    @property
-    def has_history(self) -> bool:
-        """Whether tendons with friction have a history."""
-        return self._shape is not None and self._shape.point_tensions is not None
-
     def advance(self, tensions: FloatArray, force: FloatArray) -> None:
         """Find the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
 
@@ -248,14 +241,6 @@ class PushedArm(SimulatedArm):
         shape, push = self._config.arm.tension_shape, self.push_with(force)
         self._shape = self._solver.follow(tensions.reshape(shape), self._shape, push)
         self.force = force
-
-    def push_with(self, force: FloatArray) -> FloatArray | None:
-        """Push with a ``force`` (3,) [N], and return the wrench (6,) on the tip.
-
-        It is None without, as some models take none.
-        """
-        wrench = self._wrench(force)
-        return wrench if wrench.any() else None
 
     @property
     def backbone(self) -> Backbone:

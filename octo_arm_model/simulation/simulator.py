@@ -258,7 +258,7 @@ class TendonDrive:
         """Use the parameters ``config`` from now on, and return warnings about lost states."""
         before, self._config, warnings = self._config, config, []
         arm, last = config.pushed_arm, before.pushed_arm
-        if arm and last and arm.go_on_from(last):
+        if arm and last and not arm.go_on_from(last) and any(before.model.arm.friction):
             warnings.append('friction history forgotten: another arm, or pushed at another s')
         if config.model.arm.tendon_names == before.model.arm.tendon_names:
             self.hardware.change(config.hardware)

@@ -102,8 +102,8 @@ def tensions_by_names(
     count = len(arm.tendons)
     if not (chosen or names is not None or len(values) == count):
         raise TensionError(
-            f'{len(values)} values, expected {count}, one for each tendon, or {hint} that say '
-            'which is which'
+            f'{len(values)} values, expected {count}, one for each tendon, section by section '
+            f'from the tip, or {hint} that say which is which'
         )
     chosen = chosen or (arm.tendon_names if names is not None else list(map(str, range(count))))
     places = {str(number): number for number in range(len(values))}
@@ -160,33 +160,19 @@ class TensionMessage:
             TensionError: if names are unknown, repeated or missing, lengths differ, or the layout
                 is neither empty, flat nor that shape.
         """
-        values = getattr(message, self.tensions)
-        names = None if self.names is None else getattr(message, self.names)
-        if chosen:
-            numbers = np.asarray(values, dtype=np.float64)
-            return tensions_by_names(numbers, None if names is None else list(names), chosen, arm)
-        shape, count = arm.tension_shape, len(arm.tendons)
-        if names is not None:
-            tension_of = _of_tendons(names, values, self.tensions, arm)
-            if missing := [name for name in arm.tendon_names if name not in tension_of]:
-                raise TensionError(f'no tension for tendon {listed(missing)}')
-            values = [tension_of[name] for name in arm.tendon_names]
-        elif len(values) != count:
-            meaning = 'one for each tendon, section by section from the tip'
-            if len(shape) == 2:
-                meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
-            raise TensionError(
-                f'{self.tensions} has {len(values)} values, expected {count}: {meaning}'
-            )
-        else:
+        values, shape = getattr(message, self.tensions), arm.tension_shape
+        names = None if self.names is None else list(getattr(message, self.names))
+        if names is not None and not chosen:
+            _of_tendons(names, values, self.tensions, arm)
+        elif not chosen:
             offset = message.layout.data_offset
             sizes = tuple(dimension.size for dimension in message.layout.dim)
-            if offset != 0 or sizes not in ((), (count,), shape):
+            if offset != 0 or sizes not in ((), (len(arm.tendons),), shape):
                 raise TensionError(
                     f'layout is {sizes} with data_offset {offset}, expected an empty one or '
                     f'{shape} with data_offset 0'
                 )
-        return np.array(values, dtype=np.float64).reshape(shape)
+        return tensions_by_names(np.asarray(values, np.float64), names, chosen, arm)
 
 
 @dataclass(frozen=True)
@@ -274,22 +260,20 @@ def read_displacements(
         TensionError: if names are unknown or repeated, lengths differ, or a position is not
             finite.
     """
-    tendons = arm.tendon_names
-    if field or encoders.names:
-        field = field or 'position'
-        values, names = field_values(message, field), names_of(message, field)
-        hint = 'displacement_names (--motors)'
-        readings = tensions_by_names(values, names, encoders.names, arm, hint).ravel()
-        has_reading = [name != NONE for name in encoders.names or tendons]
-    else:
+    tendons, chosen = arm.tendon_names, encoders.names
+    if not (field or chosen):  # of some tendons, by their own names
         if len(message.name) > len(tendons):
             raise TensionError(
                 f'{len(message.name)} displacements, this arm has {len(tendons)} tendons'
             )
         by_name = values_by_name(message.name, message.position, 'position')
         check_displacements(arm, {name: float(value) for name, value in by_name.items()}, {})
-        readings = np.array([by_name.get(name, 0.0) for name in tendons])
-        has_reading = [name in by_name for name in tendons]
+        chosen = tuple(name if name in by_name else NONE for name in tendons)
+    field = field or 'position'
+    values, names = field_values(message, field), names_of(message, field)
+    hint = 'displacement_names (--motors)'
+    readings = tensions_by_names(values, names, chosen, arm, hint).ravel()
+    has_reading = [name != NONE for name in chosen or tendons]
     lengths = zip(tendons, encoders.lengths(readings).tolist(), has_reading, strict=True)
     displacements = {name: length for name, length, is_read in lengths if is_read}
     check_displacements(arm, displacements, {})

@@ -257,7 +257,7 @@ def test_what_cannot_be_answered_is_left_out_and_reported(tmp_path, cli):
     names, some = ARM.tendon_names, np.full(12, 0.1)
     bad = {
         100: (names, np.where(np.arange(12) == 4, np.nan, some), 'tension of tendon_2_1 is nan N'),
-        150: (names[:11], some[:11], 'no tension for tendon tendon_3_4'),
+        150: (names[:11], some[:11], "no value 'tendon_3_4' for tendon_3_4"),
         200: (names, np.full(12, 500.0), 'did not converge'),
     }
     for place, (own, values, _) in bad.items():

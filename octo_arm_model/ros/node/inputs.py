@@ -116,7 +116,7 @@ class Inputs:
     def publishers(self) -> dict[str, int]:
         """Return the number of publishers of each answered input, by its whole name."""
         answered = [topic for topic in self._open.values() if topic.is_answered]
-        return {topic.topic: topic.count_publishers() for topic in answered}
+        return {one.topic: one.subscription.get_publisher_count() for one in answered}
 
     def silent(self, limit: float, is_used: Callable[[str], bool]) -> list[str]:
         """Return a sentence for each used input without a message for more than ``limit`` [s].
@@ -195,6 +195,7 @@ class LatestSubscription:
     for parameters.
 
     Attributes:
+        subscription: the subscription of rclpy.
         topic: whole name of the topic, as remapped.
         is_apart: whether the topic is not a source of tensions.
         is_answered: whether each message has its own answer.
@@ -209,19 +210,15 @@ class LatestSubscription:
         self.is_apart, self.is_answered, self.heard_at = is_apart, is_answered, 0.0
         self._latest: bytes | None = None
         self._older, self._is_open = 0, True
-        self._subscription = create_subscription(
+        self.subscription = create_subscription(
             inputs.node, kind, topic, self._keep, INPUT_QOS, raw=True
         )
-        self.topic = self._subscription.topic_name
+        self.topic = self.subscription.topic_name
 
     def close(self) -> None:
         """Destroy the subscription."""
         self._is_open = False
-        self._inputs.node.destroy_subscription(self._subscription)
-
-    def count_publishers(self) -> int:
-        """Return the number of publishers of the topic."""
-        return int(self._subscription.get_publisher_count())
+        self._inputs.node.destroy_subscription(self.subscription)
 
     def _keep(self, message: bytes) -> None:
         if self._latest is None:
@@ -234,7 +231,7 @@ class LatestSubscription:
         """Answer the latest message, unless it is answered already."""
         if not self._is_open:
             return
-        for message, _ in take_all(self._subscription, self._kind):
+        for message, _ in take_all(self.subscription, self._kind):
             self._older += self._latest is not None
             self._latest = message
         latest, older = self._latest, self._older

@@ -203,7 +203,7 @@ def test_the_hardware_that_parameters_describe_is_between_command_and_reading(co
 BAD = {
     'negative': (np.where(PLANE == 13.0, -1.0, PLANE), NAMES, 'tension of tendon_3_3 is -1.0 N'),
     'nan': (np.where(PLANE == 13.0, np.nan, PLANE), NAMES, 'tension of tendon_3_3 is nan N'),
-    'too few': (PLANE[:11], NAMES[:11], 'no tension for tendon tendon_3_4'),
+    'too few': (PLANE[:11], NAMES[:11], "no value 'tendon_3_4' for tendon_3_4"),
     'unknown': (PLANE, [*NAMES[:11], 'elbow'], 'unknown tendon elbow'),
     'beyond its limit': (1.01 * PLANE, NAMES, 'tendon_1_3 is 0.505 N, expected at most its limit'),
 }

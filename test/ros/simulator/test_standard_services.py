@@ -15,6 +15,7 @@ from simulation_interfaces.srv import (
     SetSimulationState,
     StepSimulation,
 )
+from std_srvs.srv import SetBool, Trigger
 
 from octo_arm_model.ros.simulator.main import SimulatorNode
 
@@ -73,6 +74,12 @@ def test_states_steps_and_resets_are_those_of_the_standard():
         unsupported = Result.RESULT_FEATURE_UNSUPPORTED
         assert reset(ResetSimulation.Request.SCOPE_SPAWNED) == unsupported
         assert turn(STOPPED).result == Result.RESULT_OK and state() == STOPPED
+        # What has moved since, or has been paused again, is not stopped.
+        assert client.call(Trigger, 'step', Trigger.Request()).success and state() == PAUSED
+        assert turn(STOPPED).result == Result.RESULT_OK and state() == STOPPED
+        for is_paused, expected in ((False, PLAYING), (True, PAUSED)):
+            assert client.call(SetBool, 'pause', SetBool.Request(data=is_paused)).success
+            assert state() == expected
         assert turn(SimulationState.STATE_QUITTING).result == unsupported
         assert turn(PLAYING).result == Result.RESULT_OK and state() == PLAYING
         readings.clear()
