@@ -8,16 +8,20 @@ between the points, but wrenches do not: they are interpolated, and balanced at 
 """
 
 import functools
+import math
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.rod.equilibrium import Equilibrium, NodeCondition, Problem, State
+from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.friction import Band
+from octo_arm_model.rod.loads import pose_rates
 from octo_arm_model.rod.section_arrays import Bends, tendons_at
-from octo_arm_model.rod.tables import places_at, tabulate, work_arrays
+from octo_arm_model.rod.tables import BETWEEN, places_at, tabulate, work_arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +103,9 @@ class Backbone:
 
 # At the stations ---------------------------------------------------------------------------------
 
+# Loads at points of an arm, twists (n, m) that balance wrenches, and the wrenches (n, m): moment
+# and force from beyond each point, in the axes of its section.
+Balance: TypeAlias = tuple[NodeCondition, FloatArray, FloatArray]
 ONE_STEP = 1e300  # residual before the last step to the balance of sections
 
 
@@ -118,12 +125,15 @@ class FinePoints:
         if problem.friction is not None:
             self._of_fine = problem.friction.projection(own.elements)
         self.to_nodes = own.elements.interpolation(problem.elements.s)
+        self._balance: tuple[State, Balance] | None = None
 
-    def balance(self, state: State) -> tuple[NodeCondition, FloatArray, FloatArray]:
-        """Return loads at the points in ``state``, and twists (n, m) that balance wrenches (n, m).
+    def balance(self, state: State) -> Balance:
+        """Return the `Balance` at the points in ``state``; that of the last state is kept."""
+        if self._balance is None or self._balance[0] is not state:
+            self._balance = state, self._find_balance(state)
+        return self._balance[1]
 
-        A wrench is the moment and force from beyond a point, in the axes of its section.
-        """
+    def _find_balance(self, state: State) -> Balance:
         own, condition, z = self.own, state.condition, self._between @ state.z
         if self.problem.friction is not None:
             condition = condition._replace(tensions=self._slid(state))
@@ -136,6 +146,25 @@ class FinePoints:
         inside = own.in_sections(at_nodes.tensions)
         own.form.balance(own.tables, z, inside, wrench, ONE_STEP, own.work)
         return at_nodes, z, wrench
+
+    def error_between(self, fine: FloatArray) -> float:
+        """Return the estimated error of positions by ``fine`` twists, over the length [-]."""
+        return math.sqrt(self.own.position_error(fine)) / BETWEEN
+
+    def error_at_nodes(self, state: State, factors: Linear) -> float:
+        """Return the estimated error of positions at nodes and tip, over the length [-].
+
+        The balance at the points has an imbalance that the nodes do not show. ``factors`` of the
+        Jacobian give the change of the twists that removes it, which is large for a soft arm.
+        """
+        (at_nodes, fine, _), problem = self.balance(state), self.problem
+        imbalance = self.to_nodes @ self.own.evaluate(at_nodes, fine).imbalance - state.imbalance
+        change = factors.solve(imbalance.ravel()).reshape(*state.z.shape, 1)
+        problem.orient(state.z)
+        work, from_base = problem.work, problem.elements.from_base
+        rates = pose_rates(from_base, work.rotation, work.slope, change)[:, :3, 0]
+        places = np.concatenate([from_base @ rates, [problem.elements.weights @ rates]])
+        return float(np.linalg.norm(places, axis=1).max() / problem.elements.edges[-1])
 
     def _slid(self, state: State) -> FloatArray:
         friction, local = self.problem.friction, self.problem.local_tensions(state)

@@ -228,6 +228,21 @@ def kinematics(from_base: FloatArray, work: Work, strains: int) -> tuple[FloatAr
     return turn, slope
 
 
+def pose_rates(
+    to_nodes: FloatArray, rotation: FloatArray, slope: FloatArray, z: FloatArray
+) -> FloatArray:
+    """Return the derivatives by s of displacements and rotations (N, 6, columns) of the nodes.
+
+    The twists change by ``z`` (N, m, columns). ``to_nodes`` (N, N) integrates from the base.
+    """
+    rates = np.empty((len(z), 6, z.shape[2]))
+    np.matmul(rotation, z[:, :3], out=rates[:, 3:])
+    turn = along(to_nodes, rates[:, 3:])
+    np.matmul(rotation[..., : z.shape[1] - 3], z[:, 3:], out=rates[:, :3])
+    rates[:, :3] -= skew(slope) @ turn
+    return rates
+
+
 def add_tangents(
     elements: Elements, work: Work, strains: int, tangents: Sequence[LocalTangents]
 ) -> None:

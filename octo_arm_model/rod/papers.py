@@ -62,9 +62,9 @@ from octo_arm_model.rod.equilibrium import (
 )
 from octo_arm_model.rod.factors import BlockFactors, Linear
 from octo_arm_model.rod.friction import Band
-from octo_arm_model.rod.loads import along
+from octo_arm_model.rod.loads import along, pose_rates
 from octo_arm_model.rod.rod import WORST, Rod, Setting, require_resolved
-from octo_arm_model.rod.sensitivity import Change, Sensitivity, part_of, pose_rates, strain_changes
+from octo_arm_model.rod.sensitivity import Change, Sensitivity, part_of, strain_changes
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
 from octo_arm_model.rod.tables import AXIAL, PaperTables, allowed_between, places_at
 from octo_arm_model.rod.winch_equations import BorderedSystem, RodWinchEquations

@@ -29,16 +29,17 @@ from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Equilibrium, Problem, State
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.section_arrays import initial_twists
-from octo_arm_model.rod.tables import added_points, allowed_between, least_bending, tabulate
+from octo_arm_model.rod.tables import added_points, least_bending, tabulate
 from octo_arm_model.rod.tendons import unloaded_twists
 
-_TENSION_ERROR = 100.0  # allowed relative error of tensions over that of positions
+_TENSION_ERROR = 1.0  # allowed relative error of tensions over that of positions
 WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
 # Errors of depths in obstacles over the length, allowed and largest, and of tensions, largest.
 _DEPTH, _WORST_DEPTH, _WORST_TENSION = 1e-5, 1e-4, 1e-2
 _REDUCED = 0.1  # part of the tensions that a search begins with, if friction or discs need it
-# The estimate is too small with friction: strains have kinks where tendons begin to slip.
-_FRICTION_FACTOR = 0.01
+# Added part of the stiffness of sections, which leaves out motions to which an arm is neutral, as
+# of an upright one that has buckled and may turn about the vertical: their errors are rounding.
+_DAMPING = 1e-5
 _RESTART_STEP = 0.25  # first step of continuation from a start where Newton's method has failed
 _FIRST_STEP = 0.1  # first step of continuation otherwise
 # An equilibrium counts as stable without a test if a stable one with a margin is near: the arm has
@@ -265,8 +266,8 @@ class Rod:
             finer = self.finer(level)
             fine, residual, steps = self.unloaded(finer.own, target)
             iterations += steps
-            error = finer.own.position_error(fine)
-            if error <= allowed_between(self.setting.accuracy):
+            error = finer.error_between(fine)
+            if error <= self.setting.accuracy:
                 break
         require_resolved(finer.own, error, max(self.setting.accuracy, WORST))
         z = finer.to_nodes @ fine
@@ -427,15 +428,17 @@ class Rod:
             equilibrium = self._equilibrium(verdict, finer.level, spending.iterations)
         return equilibrium
 
-    def is_resolved(self, state: State, level: int, problem: Problem | None = None) -> bool:
-        """Whether ``state`` is accurate enough, by the rod on a ``level`` or another ``problem``.
+    def is_resolved(self, state: State, level: int, is_driven: bool = False) -> bool:
+        """Whether ``state`` is accurate enough on the nodes of a ``level``.
+
+        The derivatives at fixed tensions are not those of an arm that ``is_driven`` by winches.
 
         Raises:
             SolveError: if it is not, and there is no finer level.
         """
-        problem = problem or self.problem(level)
-        error = problem.position_error(state.z)
-        allowed = self.setting.accuracy
+        problem, finer, allowed = self.problem(level), self.finer(level), self.setting.accuracy
+        between = finer.error_between(finer.balance(state)[1])
+        error = max(problem.position_error(state.z), between)
         if problem.contact is not None:
             allowed = max(allowed, WORST)
             depth = problem.contact.error(problem.places()) / self.arm.length
@@ -446,17 +449,16 @@ class Rod:
                         f'depths of about {depth:.1e} of the length'
                     )
                 return False
-        # Between discs tensions are constant.
-        has_sliding = problem.friction is not None and problem.discs is None
-        if has_sliding:
-            allowed *= _FRICTION_FACTOR
+        if error <= allowed and not is_driven:
+            factors = problem.linearise(state, _DAMPING)
+            error = max(error, finer.error_at_nodes(state, factors))
         if self.is_last(level):
             allowed = max(allowed, WORST)
             require_resolved(problem, error, allowed)
         if not error <= allowed:
             return False
-        if not has_sliding:
-            return True
+        if problem.friction is None or problem.discs is not None:
+            return True  # Between discs tensions are constant.
         tension_error = self.finer(level).friction_error(state)
         if self.is_last(level) and not tension_error <= _WORST_TENSION:
             raise SolveError(

@@ -25,7 +25,7 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.validation import check_class, not_negative
 from octo_arm_model.rod.equilibrium import Equilibrium, Problem
 from octo_arm_model.rod.factors import LazyFactors
-from octo_arm_model.rod.loads import along, in_sections
+from octo_arm_model.rod.loads import along, in_sections, pose_rates
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.rod.tables import REST_T, SHEAR, TORSION
@@ -450,21 +450,6 @@ class Derivatives:
                 unit = getattr(linear, f'by_{name}').unit
                 change[:, tendon, where.start + tendon] = tension.by_unit(unit)
         return change
-
-
-def pose_rates(
-    to_nodes: FloatArray, rotation: FloatArray, slope: FloatArray, z: FloatArray
-) -> FloatArray:
-    """Return the derivatives by s of displacements and rotations (N, 6, columns) of the nodes.
-
-    The twists change by ``z`` (N, m, columns). ``to_nodes`` (N, N) integrates from the base.
-    """
-    rates = np.empty((len(z), 6, z.shape[2]))
-    np.matmul(rotation, z[:, :3], out=rates[:, 3:])
-    turn = along(to_nodes, rates[:, 3:])
-    np.matmul(rotation[..., : z.shape[1] - 3], z[:, 3:], out=rates[:, :3])
-    rates[:, :3] -= skew(slope) @ turn
-    return rates
 
 
 def strain_changes(twist: FloatArray, z: FloatArray) -> FloatArray:

@@ -349,7 +349,7 @@ class Motion(NamedTuple):
 # Largest ratio of the error of positions to the sums of squares, for errors above 1e-10; measured
 # for the arm of Table 4 under random tensions in water and air, and for the metal rod.
 OF_BENDS, OF_DIRECTIONS = 2e-3, 1e-4
-_BETWEEN = 30.0
+BETWEEN = 30.0
 _ADDED, _ADDED_FINE, _FINE = 4, 5, 1e-8  # added points, more of them below this accuracy
 
 
@@ -363,7 +363,7 @@ def allowed_between(accuracy: float) -> float:
 
     Errors between the points are of first order, those at the ends of elements of second order.
     """
-    return min(accuracy, (_BETWEEN * accuracy) ** 2)
+    return min(accuracy, (BETWEEN * accuracy) ** 2)
 
 
 def position_errors(

@@ -71,7 +71,7 @@ def test_rod_above_a_floor_touches_it_beyond_its_free_span(gap, stiffness):
     free = shape.s <= 0.9 * span
     x = shape.s[free]
     sag = WEIGHT * x**2 / (72.0 * BENDING) * (3.0 * x**2 - 8.0 * span * x + 6.0 * span**2)
-    assert -shape.position[free, 2] == pytest.approx(sag, abs=0.01 * gap)
+    assert -shape.position[free, 2] == pytest.approx(sag, abs=0.015 * gap)
     # The penetration is inversely proportional to the stiffness.
     depth = np.interp(0.3, contacts.s, contacts.penetration[0])
     assert depth == pytest.approx(WEIGHT / (2.0 * RADIUS * stiffness), rel=1e-3)

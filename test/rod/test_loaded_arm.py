@@ -353,6 +353,21 @@ def test_positions_have_the_accuracy_of_the_solver(table4):
 # Boundary value solver -------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(('law', 'modulus'), [('linear', 3e4), ('neo_hookean', 2e4)])
+def test_upright_arm_that_hangs_over_has_the_accuracy_of_the_solver(law, modulus):
+    # Its weight bends it to the side, where small imbalances move it far.
+    section = Section(0.4, 0.01, 0.005, angles=(0.0, 2.1, 4.2))
+    arm = Arm(Material(modulus, 0.45, 1080.0), Body(0.4, 0.015, 0.0075), (section,))
+    loads = Loads(gravity=(-9.81, 0.0, 0.0))
+    positions = [
+        Solver(arm, 'exact', 41, material=law, loads=loads, accuracy=accuracy)
+        .solve([[5e-8 * modulus, 0.0, 0.0]])
+        .position
+        for accuracy in (1e-8, 1e-11)
+    ]
+    assert_allclose(*positions, atol=1e-8 * arm.length)
+
+
 @pytest.mark.parametrize(
     ('arm', 'tensions', 'shear', 'loads'),
     [

@@ -445,7 +445,7 @@ def test_a_refused_pull_leaves_no_trace(arm, options, loads):
 
 def test_an_arm_is_followed_on_as_many_nodes_as_its_shape_needs():
     solver, last, nodes = Solver(HELICAL, 'exact', 11, loads=Loads((0.0, 0.0, -9.81))), None, []
-    for part in (0.0, 0.3, 0.6, 1.0, 0.6, 0.3, 0.0):
+    for part in (0.0, 0.5, 1.0, 1.5, 1.0, 0.5, 0.0):
         last = solver.follow(part * PULL, last)
         nodes.append(solver.local_tensions(last).shape[1])
         assert_allclose(last.tip, solver.solve(part * PULL).tip, atol=1e-8 * HELICAL.length)
