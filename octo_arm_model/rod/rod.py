@@ -32,7 +32,6 @@ from octo_arm_model.rod.section_arrays import initial_twists
 from octo_arm_model.rod.tables import added_points, least_bending, tabulate
 from octo_arm_model.rod.tendons import unloaded_twists
 
-_TENSION_ERROR = 1.0  # allowed relative error of tensions over that of positions
 WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
 # Errors of depths in obstacles over the length, allowed and largest, and of tensions, largest.
 _DEPTH, _WORST_DEPTH, _WORST_TENSION = 1e-5, 1e-4, 1e-2
@@ -459,13 +458,13 @@ class Rod:
             return False
         if problem.friction is None or problem.discs is not None:
             return True  # Between discs tensions are constant.
-        tension_error = self.finer(level).friction_error(state)
+        tension_error = finer.friction_error(state)
         if self.is_last(level) and not tension_error <= _WORST_TENSION:
             raise SolveError(
                 f'{problem.elements.s.size} nodes do not resolve the tensions of tendons with '
                 f'friction: error of about {tension_error:.1e} of them'
             )
-        return self.is_last(level) or tension_error <= _TENSION_ERROR * allowed
+        return self.is_last(level) or tension_error <= allowed
 
     def is_last(self, level: int) -> bool:
         """Whether there is no finer level than this one."""
