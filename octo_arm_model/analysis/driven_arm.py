@@ -60,6 +60,9 @@ class DrivenArm:
         if unknown:
             self.displacements = {}
             dropped.append(f'displacements dropped: this arm has no tendon {unknown[0]}')
+        elif self.displacements and before.displacement_type and not now.displacement_type:
+            self.displacements = {}
+            dropped.append('displacements dropped: displacement_type is not given any more')
         if self.tensions is not None:
             if now.arm.tendon_names == before.arm.tendon_names:
                 self.tensions = self.tensions.reshape(now.arm.tension_shape)

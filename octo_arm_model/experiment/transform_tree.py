@@ -8,7 +8,7 @@ hold at all times.
 import math
 from array import array
 from bisect import bisect_left
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -95,11 +95,13 @@ class TransformTree:
         """
         if parent == child:
             raise MeasurementError(f'the frame {child!r} is its own parent')
-        link = self._links.setdefault(child, _Link(parent, is_static))
+        link = self._links.get(child, _Link(parent, is_static))
         if link.parent != parent:
             raise MeasurementError(
                 f'the parent of {child!r} is {parent!r}, expected {link.parent!r} as before'
             )
+        self._links.pop(child, None)
+        self._links[child] = link  # the newest comes last
         if is_static:
             link.is_static = True
             link.clear()
@@ -196,20 +198,19 @@ class TransformTree:
         links = [self._links[child] for child, _ in self._path(frame, target)]
         return min((max(link.stamps) for link in links if not link.is_static), default=math.inf)
 
-    def forget(self, history_ns: int) -> None:
+    def forget(self, history_ns: int, most: int) -> None:
         """Remove stamps over ``history_ns`` [ns] older than the newest of the same transform.
 
         If the stamp added last is itself that old, all others are removed: the clock was reset, as
-        when a bag is played again, or one stamp was far ahead.
+        when a bag is played again, or one stamp was far ahead. Of more than ``most`` frames those
+        that came longest ago are removed, static ones last, because these do not come again.
         """
+        count, of_static = len(self._links) - most, lambda child: self._links[child].is_static
+        for child in sorted(self._links, key=of_static)[: max(0, count)]:
+            del self._links[child]
         for link in self._links.values():
             if not link.is_static:
                 link.forget(history_ns)
-
-    @property
-    def frames(self) -> Collection[str]:
-        """The frames that have a parent."""
-        return self._links.keys()
 
     def _path(self, frame: str, target: str) -> list[tuple[str, bool]]:
         """Return the transforms from ``frame`` to ``target``: child, and whether to its parent.

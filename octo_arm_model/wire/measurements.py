@@ -34,7 +34,8 @@ from octo_arm_model.wire.tensions import (
 def points_of(value: Any, names: Sequence[str] = ()) -> FloatArray:
     """Return the points (n, 3) of a ``value`` of a message: points, poses or triples.
 
-    ``names`` selects entries by their names, or numbers from 0 on; a missing one is NaN.
+    ``names`` selects entries by their names, or by their numbers from 0 on unless numbers are the
+    names, such as ids; a missing one is NaN.
 
     Raises:
         MeasurementError: if there are no points, or none of the names.
@@ -49,7 +50,9 @@ def points_of(value: Any, names: Sequence[str] = ()) -> FloatArray:
         numbers = {_name_of(entry): number for number, entry in enumerate(entries)}
     if not names:
         return points
-    numbers = {str(number): number for number in range(len(points))} | numbers
+    # Ids that are all the same are not set.
+    if not any(map(str.isdigit, numbers)) or len(numbers) == 1 < len(points):
+        numbers |= {str(number): number for number in range(len(points))}
     if not any(name in numbers for name in names):
         raise MeasurementError(f'none of {listed(names)}; there are {listed(list(numbers))}')
     hidden = np.full(3, np.nan)

@@ -89,8 +89,8 @@ def tensions_by_names(
 ) -> FloatArray:
     """Return tensions of ``arm``, of `Arm.tension_shape` [N], from ``values`` (n,) by ``names``.
 
-    ``chosen`` is the name or number of each tendon's value, or `NONE`. If it is empty, it is the
-    tendons' own names, or the order of the tendons without ``names``. Errors name the ``hint``.
+    ``chosen`` is the name of each tendon's value, or its number if there are no ``names``, or
+    `NONE`. If it is empty, it is the tendons' own names or their order. Errors name the ``hint``.
 
     Raises:
         TensionError: if a value is missing, or named more than once, or there are too many.
@@ -105,9 +105,11 @@ def tensions_by_names(
             f'{len(values)} values, expected {count}, one for each tendon, section by section '
             f'from the tip, or {hint} that say which is which'
         )
-    chosen = chosen or (arm.tendon_names if names is not None else list(map(str, range(count))))
-    places = {str(number): number for number in range(len(values))}
-    places |= {name: number for number, name in enumerate(names or ())}
+    usual: Sequence[str] = arm.tendon_names
+    if names is None:
+        usual = names = list(map(str, range(len(values))))
+    chosen = chosen or usual
+    places = {name: number for number, name in enumerate(names)}
     repeated = [name for name, times in Counter(names).items() if times > 1 and name in chosen]
     if repeated:
         raise TensionError(f'named more than once: {listed(repeated[:1])}')
@@ -117,8 +119,7 @@ def tensions_by_names(
             continue
         if name not in places:
             raise TensionError(
-                f'no value {shown(name)} for {arm.tendon_names[tendon]}; there are '
-                f'{listed(names or list(places))}'
+                f'no value {shown(name)} for {arm.tendon_names[tendon]}; there are {listed(names)}'
             )
         tensions[tendon] = values[places[name]]
     return tensions.reshape(arm.tension_shape)

@@ -35,7 +35,7 @@ from octo_arm_model.bags.sensor_topics import (
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.estimation.settings import EstimatorSettings
-from octo_arm_model.wire.measurements import MeasuredArm
+from octo_arm_model.wire.measurements import MeasuredArm, points_of
 from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import field_values, tensions_by_names
 
@@ -154,6 +154,19 @@ def test_a_name_that_is_there_twice_is_refused_where_it_is_wanted():
     assert_array_equal(found.ravel(), [2.0, 0.0, 0.0, 0.0])
     with pytest.raises(TensionError, match='named more than once: a'):
         tensions_by_names(values, names, ['a', '-', '-', '-'], ARM)
+
+
+def test_a_name_that_is_a_number_is_no_place_among_other_names():
+    values, chosen = np.arange(3.0), ['2', '-', '-', '-']
+    assert tensions_by_names(values, ['1', '2', '3'], chosen, ARM)[0, 0] == 1.0
+    assert tensions_by_names(values, None, chosen, ARM)[0, 0] == 2.0
+    with pytest.raises(TensionError, match="no value '2' for tendon_1_1; there are 1, 3, 4"):
+        tensions_by_names(values, ['1', '3', '4'], chosen, ARM)
+    places = [SimpleNamespace(id=number, x=float(number), y=0.0, z=0.0) for number in (1, 3, 4)]
+    assert_array_equal(points_of(places, ['2', '3'])[:, 0], [np.nan, 3.0])  # 2 is hidden
+    for place in places:
+        place.id = 0
+    assert_array_equal(points_of(places, ['2', '0'])[:, 0], [4.0, 1.0])
 
 
 CONFIG = Config.from_parameters(load_parameters('renda2012_prototype'))

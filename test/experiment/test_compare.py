@@ -614,10 +614,19 @@ def test_what_is_forgotten_is_older_than_the_newest_by_the_history(
 
     for stamp in first:
         move(stamp)
-    tree.forget(history)
+    tree.forget(history, 1)
     for stamp in later:
         move(stamp)
-        tree.forget(history)
+        tree.forget(history, 1)
     assert tree.pose('b', 'a', known).position[0] == known
     with pytest.raises(MeasurementError, match='is not known'):
         tree.pose('b', 'a', forgotten)
+
+
+def test_of_too_many_frames_those_that_came_longest_ago_are_forgotten_and_static_ones_last():
+    tree = TransformTree()
+    for stamp, frame in enumerate(['mount', 'one', 'two', 'one', 'three']):
+        tree.add('base', frame, stamp, np.zeros(3), np.eye(4)[3], frame == 'mount')
+        tree.forget(100, 3)
+    for frame, is_known in (('mount', True), ('one', True), ('two', False), ('three', True)):
+        assert tree.connects(frame, 'base') == is_known

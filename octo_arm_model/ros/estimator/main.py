@@ -26,7 +26,6 @@ from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.settings import ESTIMATOR_PARAMETERS, PREFIX, EstimatorSettings
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.ros.estimator.outputs import EstimatePublishers, EstimateStatus
-from octo_arm_model.ros.node.diagnostics import SteppedClock
 from octo_arm_model.ros.node.inputs import stamp_of
 from octo_arm_model.ros.node.main import ManagedNode, ServedNode, run
 from octo_arm_model.ros.node.server import Prepared, Server, described
@@ -97,51 +96,6 @@ class PreparedEstimator(Prepared):
 _BACK = 1.0  # [s] beyond the window; stamps that run back further reset the estimate
 
 
-class Stamps:
-    """Resolves the stamps of measurements, and detects stamps that run back.
-
-    Attributes:
-        ahead: how far a stamp may be ahead of the clock [s].
-    """
-
-    def __init__(self, clock: SteppedClock) -> None:
-        """Compare stamps with ``clock``."""
-        self._clock = clock
-        self._newest: dict[str, Stamp] = {}
-        self.ahead = 0.0
-
-    def forget(self) -> None:
-        """Forget the newest stamp of every topic."""
-        self._newest.clear()
-
-    def resolve(self, stamp: Stamp | None) -> Stamp:
-        """Return the ``stamp`` of a message, or the time of receipt if it has no stamp.
-
-        Raises:
-            MessageError: if the stamp is not a valid time.
-            MeasurementError: if the stamp is ahead of the clock: all measurements until that time
-                would then count as late.
-        """
-        resolved = self._clock.time_of(stamp)
-        ahead = self._clock.ahead(resolved, self._clock.now_ns)
-        if ahead > self.ahead:
-            raise MeasurementError(
-                f'its stamp is {ahead:.6g} s ahead of the clock, expected at most '
-                f'{self.ahead:g} s (diagnostics.ahead_limit)'
-            )
-        return resolved
-
-    def runs_back(self, topic: str, stamp: Stamp, window: float) -> float:
-        """Return by how much the stamps of ``topic`` run back [s]; 0 if they are at most late.
-
-        Stamps run back when a bag is played again.
-        """
-        newest = self._newest.get(topic, stamp)
-        self._newest[topic] = max(stamp, newest)
-        back = 1e-9 * (newest.ns - stamp.ns)
-        return back if back > window + _BACK else 0.0
-
-
 class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
     """Publishes an estimate after each measurement; activation resets it to the prior."""
 
@@ -154,10 +108,9 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         super().__init__(node, TABLE, PreparedEstimator.of, EstimatePublishers)
         self._estimator: Estimator | None = None
         self._measured: MeasuredArm | None = None
-        self._newest = Stamp(0, 0)
+        self._newest: dict[str, Stamp] = {}  # of the measurements in the estimate, by topic
         self._status = EstimateStatus()
         self._diagnostics.parts.append(self._status.report)
-        self._stamps = Stamps(self._diagnostics.clock)
 
     def _open(self) -> None:
         self._reset_estimate()
@@ -181,7 +134,6 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             return self._frames.pose_of(frame, config.base_frame, stamp_ns)
 
         self._measured = MeasuredArm(config, settings.noise, pose_of)
-        self._stamps.ahead = config.diagnostic_limits.ahead_limit
         if previous is None or not arm.estimates_as(previous):
             self._inputs.forget()
             if self._estimator is not None:
@@ -193,8 +145,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
 
     def _reset_estimate(self) -> Estimator:
         self._estimator = estimator = self._arm.estimator()
-        self._newest = Stamp(0, 0)
-        self._stamps.forget()
+        self._newest = {}
         self._status.follow(estimator, self._arm.config)
         return estimator
 
@@ -222,8 +173,9 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         estimator = self._estimator
         assert estimator is not None
         self._diagnostics.received(topic, stamp, is_tensions=is_tensions)
-        resolved = self._stamps.resolve(stamp)
-        if step_back := self._stamps.runs_back(topic, resolved, self._arm.settings.window):
+        resolved = self._resolved(stamp)
+        step_back = 1e-9 * (self._newest.get(topic, resolved).ns - resolved.ns)
+        if step_back > self._arm.settings.window + _BACK:  # as when a bag is played again
             words = f'stamps run back by {step_back:.3g} s; the estimate is reset'
             self._refusal_log.say(topic, words)
             self._status.ran_back(topic)
@@ -233,7 +185,8 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         duration = time.perf_counter() - start
         arm, outbox = self._arm, self._publishers
         assert outbox is not None
-        self._newest = max(self._newest, resolved)
+        self._newest[topic] = max(resolved, self._newest.get(topic, resolved))
+        newest = max(self._newest.values())
         if update.begins_anew:
             words = (
                 'the estimate is reset: sensors have contradicted it for '
@@ -241,10 +194,25 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             )
             self._refusal_log.say(topic, words)
         outbox.describe(arm.models[update.hypothesis].solver, arm.config)
-        outbox.publish_estimate(update.estimate, self._newest)
+        outbox.publish_estimate(update.estimate, newest)
         self._diagnostics.answered(update.estimate.backbone, duration)
-        self._status.add(update, self._newest.ns)
+        self._status.add(update, newest.ns)
         self._warn_of_rejected(update)
+
+    def _resolved(self, stamp: Stamp | None) -> Stamp:
+        """Return the ``stamp`` of a message, or the time of receipt if it has none.
+
+        MessageError if it is no valid time; MeasurementError if it is ahead of the clock: all
+        measurements until that time would then count as late.
+        """
+        clock, limit = self._diagnostics.clock, self._arm.config.diagnostic_limits.ahead_limit
+        resolved = clock.time_of(stamp)
+        if (ahead := clock.ahead(resolved, clock.now_ns)) > limit:
+            raise MeasurementError(
+                f'its stamp is {ahead:.6g} s ahead of the clock, expected at most {limit:g} s '
+                '(diagnostics.ahead_limit)'
+            )
+        return resolved
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         super()._refuse(topic, error)

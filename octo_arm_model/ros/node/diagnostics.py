@@ -86,8 +86,7 @@ class Diagnostics:
     def __init__(self, node: Node, inputs: Inputs) -> None:
         """Report as part of ``node``, which has these ``inputs``."""
         self._node, self._inputs = node, inputs
-        self._solver: Solver | None = None
-        self._limits = DiagnosticLimits(0.0, 0.0, 0.0)
+        self.describe(None)
         self._idle = ''
         self.is_used: Callable[[str], bool] = lambda topic: True
         self.parts: list[Callable[[str], DiagnosticStatus]] = []
@@ -106,8 +105,10 @@ class Diagnostics:
         self._reported, self._period = time.monotonic(), PERIOD
         steady_timer(node, PERIOD, self._report)
 
-    def describe(self, solver: Solver, limits: DiagnosticLimits) -> None:
-        """Report on ``solver`` from now on, and warn beyond ``limits``."""
+    def describe(
+        self, solver: Solver | None, limits: DiagnosticLimits = DiagnosticLimits()
+    ) -> None:
+        """Report on ``solver`` from now on, or on none, and warn beyond ``limits``."""
         self._solver, self._limits = solver, limits
 
     def enter(self, state: str) -> None:

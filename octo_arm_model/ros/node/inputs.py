@@ -172,10 +172,7 @@ class Inputs:
         self._is_due = ready is not None
         if ready is not None:
             self._waiting.remove(ready)
-            try:
-                ready.read()
-            except OctoArmError as error:
-                self.refuse(ready.topic, error)
+            self.attempt(ready.topic, ready.read, 0)
         return self._is_due
 
     def _expire(self) -> None:
@@ -207,7 +204,8 @@ class LatestSubscription:
     ) -> None:
         """Subscribe the node of ``inputs``; the other arguments are those of its `subscribe`."""
         self._inputs, self._kind, self._read = inputs, kind, read
-        self.is_apart, self.is_answered, self.heard_at = is_apart, is_answered, 0.0
+        self.is_apart, self.is_answered = is_apart, is_answered
+        self.heard_at = self._read_at = 0.0
         self._latest: bytes | None = None
         self._older, self._is_open = 0, True
         self.subscription = create_subscription(
@@ -240,10 +238,15 @@ class LatestSubscription:
             return
         if self.is_answered:
             self._inputs.skipped(older)
-        self.heard_at = time.monotonic()
-        self._inputs.attempt(
-            self.topic, lambda: self._read(self.topic, decoded(latest, self._kind)), len(latest)
-        )
+        heard_at = self.heard_at = time.monotonic()
+
+        def read() -> None:
+            # One that has waited is out of date if a newer one was read meanwhile.
+            if self.is_answered or heard_at >= self._read_at:
+                self._read(self.topic, decoded(latest, self._kind))
+                self._read_at = heard_at
+
+        self._inputs.attempt(self.topic, read, len(latest))
 
 
 def stamp_of(message: Any) -> Stamp | None:

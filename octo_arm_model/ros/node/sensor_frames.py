@@ -126,7 +126,7 @@ class SensorFrames:
             except OctoArmError as error:
                 frame = transform.child_frame_id[:99]
                 self._log.warn(topic, MeasurementError(f'{frame!r}: {in_short(error)}'))
-        self._tree.forget(_HISTORY)
+        self._tree.forget(_HISTORY, _MOST)
         self._on_change()
 
     def _add(self, transform: Any, is_static: bool) -> None:
@@ -137,9 +137,6 @@ class SensorFrames:
             ('transform.translation', 'transform.rotation'),
         )
         stamp = Stamp.of(transform.header.stamp).ns
-        frames = self._tree.frames
-        if len(frames) >= _MOST and transform.child_frame_id not in frames:
-            raise MeasurementError(f'there are {_MOST} frames already, which is the most')
         self._tree.add(
             transform.header.frame_id,
             transform.child_frame_id,

@@ -158,6 +158,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         if self._publishers is not None:
             self._publishers.close()
         self._publishers = self._prepared = None
+        self._diagnostics.describe(None)
         self._diagnostics.enter(state)
 
     @abstractmethod

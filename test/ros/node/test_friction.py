@@ -153,9 +153,9 @@ def expected_of(frame):
     return WITH_LOADS.solver().solve(FETCHING_IN_PLANE, wrench).tip
 
 
-def send(client, frame):
+def send(client, frame, sec=0):
     message = WrenchStamped()
-    message.header.frame_id = frame
+    message.header.frame_id, message.header.stamp.sec = frame, sec
     for part, values in ((message.wrench.force, FORCE), (message.wrench.torque, MOMENT)):
         part.x, part.y, part.z = values.tolist()
     client.wrench.publish(message)
@@ -184,6 +184,36 @@ def test_a_wrench_in_a_frame_that_is_unknown_or_moves_is_refused(felt, frame, re
         felt.ask('tendon_tensions', FETCHING_IN_PLANE)
 
     felt.log('tip_wrench refused', reason, again=send_both)
+
+
+def test_a_wrench_that_waits_for_its_transform_does_not_replace_a_newer_one(felt):
+    def move(*frames, sec):
+        moved = [link(parent, child) for parent, child in frames]
+        for one in moved:
+            one.header.stamp.sec = sec
+        felt.moving.publish(tf2.TFMessage(transforms=moved))
+
+    def tip():
+        return tip_of(felt.ask('tendon_tensions', FETCHING_IN_PLANE))
+
+    def acts_in_rail():
+        move(('arm_base', 'rail'), sec=10)
+        send(felt, 'rail', sec=10)
+        return np.allclose(tip(), expected_of('world'), atol=1e-8)
+
+    felt.wait(acts_in_rail, 'a wrench in the frame rail')
+    send(felt, 'rail', sec=11)  # waits
+    tip()
+    felt.wait(
+        lambda: np.allclose(tip(), expected_of('arm_base'), atol=1e-8),
+        'a newer wrench',
+        lambda: send(felt, 'arm_base', sec=12),
+    )
+    felt.logs.clear()
+    move(('arm_base', 'rail'), ('arm_tip', 'finger'), sec=13)
+    refuse = 'tip_wrench refused', "'finger', which moves on"
+    felt.log(*refuse, again=lambda: (send(felt, 'finger', sec=13), tip()))
+    assert_allclose(tip(), expected_of('arm_base'), atol=1e-8)
 
 
 # Frames of sensors, and messages that wait for them ----------------------------------------------

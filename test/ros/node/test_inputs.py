@@ -269,7 +269,12 @@ def test_motors_in_a_field_of_any_message_reel_as_their_spools_say():
         done, why = client.change(displacement_field='')
         assert not done and 'or no value without displacement_field' in why
         assert client.change(displacement_type='', displacement_field='') == (True, '')
+        client.log('displacements dropped: displacement_type is not given any more')
         client.wait(lambda: not motors.get_subscription_count(), 'the end of the subscription')
+        pulled = solver.solve(np.reshape(FETCHING_IN_PLANE, solver.arm.tension_shape)).tip
+        assert_allclose(
+            tip_of(client.ask('tendon_tensions', FETCHING_IN_PLANE)), pulled, atol=1e-8
+        )
 
 
 # What is said of inputs --------------------------------------------------------------------------

@@ -205,8 +205,10 @@ def test_a_managed_node_answers_while_it_is_active():
             live_nodes.assert_is_backbone(answers, FETCHING_IN_PLANE)
             assert client.transition(Transition.TRANSITION_DEACTIVATE)
             client.wait(lambda: not client.node.count_subscribers('tendon_tensions'), 'its end')
+        assert client.status('solver')[1]['model'] == 'renda2012'
         assert client.transition(Transition.TRANSITION_CLEANUP)
         client.wait(lambda: not client.node.count_publishers('backbone/path'), 'its end')
+        assert client.status('solver')[1]['model'] == ''
         assert client.transition(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
         assert client.status('input')[0].message == 'finalized'
 
