@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_950,
+    'octo_arm_model': 44_920,
     'octo_arm_model/analysis': 1_610,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_490,
@@ -27,11 +27,11 @@ MOST = {
     'octo_arm_model/experiment': 6_200,
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_290,
-    'octo_arm_model/ros': 4_820,
+    'octo_arm_model/ros': 4_790,
     'octo_arm_model/simulation': 2_220,
     'octo_arm_model/viewer': 2_130,
     'octo_arm_model/wire': 1_380,
-    'test': 25_220,
+    'test': 25_290,
 }
 
 
