@@ -243,9 +243,7 @@ def tension_colours(tensions: FloatArray, largest: float | None = None) -> Float
     The ``largest`` tension [N] is full red; by default the largest of ``tensions``.
     """
     scale = tensions.max(initial=0.0) if largest is None else largest
-    share = np.zeros(tensions.shape)
-    if scale > 0.0:
-        share = np.clip(tensions / scale, 0.0, 1.0)
+    share = np.clip(tensions / scale, 0.0, 1.0) if scale > 0.0 else np.zeros(tensions.shape)
     slack, taut = np.array(SLACK_COLOUR), np.array(TAUT_COLOUR)
     return slack + share[:, np.newaxis] * (taut - slack)
 

@@ -1,6 +1,7 @@
 """Options that several commands share."""
 
 import argparse
+import contextlib
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -329,7 +330,8 @@ def read_tensions(text: str, arm: Arm) -> Any:
         TensionError: if they are not numbers by name or one set in JSON, or a tendon is unknown or
             named twice.
     """
-    given = read_by_name(text, '--tensions', "'[[0,0,0.5,0]]' or tendon_1_1=0.4")
+    example = "'[[0,0,0.5,0]]' or tendon_1_1=0.4"
+    given = read_by_name(text, '--tensions', example, may_be_rows=True)
     if isinstance(given, dict):
         check_displacements(arm, {}, given)
         row = np.array([given.get(name, 0.0) for name in arm.tendon_names])
@@ -342,11 +344,12 @@ def read_tensions(text: str, arm: Arm) -> Any:
     return given
 
 
-def read_by_name(text: str, option: str, example: str) -> Any:
-    """Return the numbers by name in a ``text`` NAME=NUMBER,..., or else its value as JSON.
+def read_by_name(text: str, option: str, example: str, may_be_rows: bool = False) -> Any:
+    """Return the numbers by name in a ``text`` NAME=NUMBER,..., or in JSON.
 
     Raises:
-        TensionError: if it is neither, or has a name twice, or other values by name than numbers.
+        TensionError: if it is neither, or has a name twice, or other values by name than numbers;
+            other JSON than names is returned if it ``may_be_rows``.
     """
     if '=' not in text or text.lstrip()[:1] in '{[':
         values = read_json(text, option, example)
@@ -355,19 +358,16 @@ def read_by_name(text: str, option: str, example: str) -> Any:
         for name, _, number in (word.strip().partition('=') for word in text.split(',')):
             if name in values:
                 raise TensionError(f'{option} is {shown(text)}, expected each name once')
-            values[name] = _number(number)
-    if isinstance(values, dict) and any(
-        isinstance(value, bool) or not isinstance(value, (int, float)) for value in values.values()
+            values[name] = number
+            with contextlib.suppress(ValueError):
+                values[name] = float(number)
+    is_named = isinstance(values, dict)
+    numbers = values.values() if is_named else ()
+    if not (is_named or may_be_rows) or any(
+        isinstance(value, bool) or not isinstance(value, (int, float)) for value in numbers
     ):
         raise TensionError(f'{option} is {shown(values)}, expected numbers by name as {example}')
     return values
-
-
-def _number(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
 
 
 def read_json(text: str, option: str, example: str) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.cli import arguments
-from octo_arm_model.cli.files import Bar, check_out, refuse_inside, writing
+from octo_arm_model.cli.files import Bar, check_out, writing
 from octo_arm_model.cli.recordings import RECORDINGS, add_recording, of_each, read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import CsvFiles
@@ -56,7 +56,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Compare recorded shapes with the models; print and write the errors."""
     out = options.out
-    refuse_inside(options.bag, out)
     check_out(options, '--out', folder=True, draws=True)
     recording, observations, models, alignment, notes, trajectory = read_options(options)
     config = Config.from_parameters(recording.parameters)

@@ -8,7 +8,6 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.validation import finite, not_negative
 from octo_arm_model.cli import arguments
-from octo_arm_model.cli.files import Bar, check_out, refuse_inside, unwritten, writing
+from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
 from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.estimation.estimator import EstimatorOutput
@@ -39,6 +38,9 @@ TENSIONS = 'tensions'
 # The sensors that options apply to, by the prefixes of their names.
 _OF_SENSOR = {
     'tendons': TENSIONS,
+    'motors': DISPLACEMENTS,
+    'spools': DISPLACEMENTS,
+    'marker_names': MARKERS,
     'tension_stddev': TENSIONS,
     f'{PREFIX}tension_bias': TENSIONS,
     f'{PREFIX}displacement': DISPLACEMENTS,
@@ -250,8 +252,7 @@ def _camera(result: Result) -> list[str]:
     for touch in result.touches:
         touched |= (camera.time >= touch.start) & (camera.time <= touch.stop)
     lines = []
-    everything = np.ones_like(touched)
-    for when, frames in (('', everything), (' while touched', touched)):
+    for when, frames in (('', np.ones_like(touched)), (' while touched', touched)):
         if not frames.any():
             continue
         for name, pair in (('tip', camera.tip), ('midline', camera.mean)):
@@ -374,7 +375,6 @@ def run(options: argparse.Namespace) -> int:
     from octo_arm_model.experiment.estimates import EstimateTables, estimate
     from octo_arm_model.experiment.sensor_recording import read_sensor_recording
 
-    refuse_inside(options.bag, options.out, options.csv, options.plot)
     check_out(options, '--csv', folder=True)
     check_out(options, '--plot', folder=False, draws=True)
     not_negative('--rate', options.rate, 'rate', 'Hz')
@@ -420,7 +420,10 @@ def run(options: argparse.Namespace) -> int:
         with Bar('times') as bar:
             result = estimate(recorded, options.smooth, write, bar)
     if options.plot is not None:
-        _draw(options.plot, result)
+        from octo_arm_model.experiment.pictures import draw_estimate, save
+
+        with writing(options.plot) as place:
+            save(draw_estimate(result.moments, result.touches, result.camera), place)
     files = [str(path) for path in (out, options.csv, options.plot) if path is not None]
     print(json.dumps(as_dict(result)) if options.json else summary(result, files))
     return 0
@@ -486,12 +489,3 @@ def _bag_output(
         write_estimate(update.hypothesis, update.estimate, moment.stamp_ns, moment.received_ns)
 
     return write
-
-
-def _draw(path: Path, result: Result) -> None:
-    """Write the picture of a ``result`` to ``path``."""
-    from octo_arm_model.experiment.pictures import draw_estimate, save
-
-    figure = draw_estimate(result.moments, result.touches, result.camera)
-    with writing(path) as place:
-        save(figure, place)

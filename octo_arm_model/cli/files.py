@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TextIO
 
 from octo_arm_model.arm.errors import BagError, ConfigError
+from octo_arm_model.simulation.movements import MOVEMENTS
 from octo_arm_model.terminal import StatusLine
 
 _WIDTH = 30  # of the bar, in characters
@@ -134,15 +135,26 @@ def folders_made() -> Iterator[list[Path]]:
         raise
 
 
-def refuse_inside(bag: Path | None, *outputs: Path | None) -> None:
-    """Check that none of the ``outputs`` is in the input ``bag``, if there is one.
+_INPUTS = 'bag', 'profile', 'pose_csv', 'tension_csv', 'midline_csv', 'displacement_csv'
+_OUTPUTS = 'out', 'csv', 'plot', 'animate', 'pictures'
+# Tables that commands write into folders.
+_TABLES = 'compare', 'estimate', 'innovations', 'midlines', 'stations', 'tensions'
+
+
+def refuse_overwriting(options: argparse.Namespace) -> None:
+    """Check that no output of a command is its input, in it, or a folder for a table over it.
 
     Raises:
-        BagError: if an output is inside the folder of the bag, or is the bag.
+        BagError: if one is.
     """
-    for out in outputs:
-        if bag and out and bag.resolve() in (out.resolve(), *out.resolve().parents):
-            raise BagError(f'{out}: inside {bag}, which stays as it is')
+    given = vars(options)
+    inputs = {given[name] for name in _INPUTS if name in given} - {None, *MOVEMENTS}
+    outputs = {given[name] for name in _OUTPUTS if name in given} - {None}
+    for kept, out in itertools.product(inputs, outputs):
+        place = out.resolve()
+        tables = (place / f'{name}.csv' for name in _TABLES)
+        if Path(kept).resolve() in (place, *place.parents, *tables):
+            raise BagError(f'{out}: would be written into or over {kept}, which stays as it is')
 
 
 @contextlib.contextmanager

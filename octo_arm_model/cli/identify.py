@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from octo_arm_model.cli import arguments
-from octo_arm_model.cli.files import Bar, check_out, refuse_inside, writing
+from octo_arm_model.cli.files import Bar, check_out, writing
 from octo_arm_model.cli.recordings import ALL, RECORDINGS, add_recording, of_each, read_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment import identification
@@ -192,7 +192,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fit the models; print and write the best one. Return 1 if the data determine nothing."""
-    refuse_inside(options.bag, options.out, options.pictures, options.csv)
     # Folders come first, so that a path given as both a folder and a file is refused.
     check_out(options, '--pictures', folder=True, draws=True)
     check_out(options, '--csv', folder=True)

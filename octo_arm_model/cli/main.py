@@ -22,7 +22,7 @@ from octo_arm_model.cli import (
     solve,
     workspace,
 )
-from octo_arm_model.cli.files import folders_made
+from octo_arm_model.cli.files import folders_made, refuse_overwriting
 from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe_closed, show_logs
 
 _SMALL = re.compile(r'-[0-9.]+[eE]')
@@ -109,6 +109,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         # For argparse -1e-5 is an option, but not after a blank.
         words = [f' {word}' if _SMALL.match(word) else word for word in words]
         options = build_parser().parse_args(words)
+        refuse_overwriting(options)
         show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
         with folders_made() as options.made:
             return options.run(options) or 0

@@ -175,16 +175,13 @@ def add_columns(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
 
 
 def _read_files(options: argparse.Namespace) -> CsvSources:
-    """Return the CSV files that options name; MeasurementError if they exclude each other."""
+    """Return the CSV files that options name; ConfigError if they exclude each other."""
     columns, pose = read_columns(options.columns), options.pose_csv
     if pose is None:
         paths = options.tension_csv, options.midline_csv, options.displacement_csv
         return CsvSources(*paths, columns)
-    for name in ('tension_csv', 'midline_csv', 'displacement_csv'):
-        if getattr(options, name) is not None:
-            raise MeasurementError(
-                f'--pose-csv and --{name.replace("_", "-")} are given, expected one or the other'
-            )
+    others = '--tension-csv', '--midline-csv', '--displacement-csv'
+    arguments.refuse_without_effect(options, others, 'with --pose-csv')
     return CsvSources(pose, pose, None, columns, is_poses=True)
 
 
@@ -210,7 +207,9 @@ def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
             options, ('--steady', '--hold', '--settle'), f'with --{option}'
         )
     if options.pose_csv is not None:  # A row is one measurement: it has one time, if any.
-        arguments.refuse_without_effect(options, ('--clock-offset',), 'with --pose-csv')
+        of_stamps = '--clock-offset', '--tolerance'
+        arguments.refuse_without_effect(options, of_stamps, 'with --pose-csv')
+        options.tolerance = 0.0
     width = None if options.ramp is True else options.ramp
     arguments_of_pairing = options.tolerance, options.clock_offset, options.base_end, kind, width
     return Pairing(steady, *arguments_of_pairing), step

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.cli import arguments
-from octo_arm_model.cli.files import Bar, check_out, refuse_inside, unwritten, writing
+from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
 from octo_arm_model.cli.recordings import add_columns, read_columns
 
 if TYPE_CHECKING:
@@ -89,7 +89,6 @@ def run(options: argparse.Namespace) -> None:
         raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
     parameters = arguments.read_config_option(options)
     start = time.monotonic()
-    refuse_inside(options.bag, options.out, options.csv)
     check_out(options, '--csv', folder=True)
     calibration = arguments.read_calibration(options)
     source = open_bag(options.bag, parameters, calibration, read_columns(options.columns))
@@ -99,10 +98,13 @@ def run(options: argparse.Namespace) -> None:
         named = options.topics, parameters, options.model, calibration, options.displacements
         arms = find_arms(reader, *named)
         sources = [source for arm in arms for source in arm.sources]
-        if all(source.is_displacements for source in sources):
-            arguments.refuse_without_effect(
-                options, ('--tendons',), 'on displacements, which have names'
-            )
+        are_lengths = {source.is_displacements for source in sources}
+        if False not in are_lengths:
+            why = 'on displacements, which have names'
+            arguments.refuse_without_effect(options, ('--tendons',), why)
+        if True not in are_lengths:
+            why = 'on tensions alone, without encoders'
+            arguments.refuse_without_effect(options, ('--motors', '--spools'), why)
         custom = {**reader.metadata, 'octo_arm_replay': f'shapes for {options.bag.name}'}
         with contextlib.ExitStack() as open_files:
             writer = open_files.enter_context(BagWriter(options.out, options.storage, custom))

@@ -62,6 +62,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Simulate the motion, and write the files that options name."""
     config, parameters = arguments.read_moving_arm(options)
+    if options.out is None:
+        arguments.refuse_without_effect(options, ('--storage',), 'without --out')
     for name in ('--csv', '--plot', '--animate'):
         check_out(options, name, folder=False, draws=name != '--csv')
     files = [path for path in (options.csv, options.plot, options.animate) if path is not None]

@@ -5,9 +5,10 @@ import json
 
 import numpy as np
 
-from octo_arm_model.arm.errors import TensionError, shown
+from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.cli import arguments
+from octo_arm_model.cli.arguments import read_by_name
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of, solve_displacements
 from octo_arm_model.rod.solver import Solver
@@ -85,10 +86,10 @@ def run(options: argparse.Namespace) -> None:
     solver = arguments.read_config(options).solver(compiled=False)
     slack: tuple[str, ...] = ()
     if options.displacements is not None:
-        displacements = _by_name(options.displacements, '--displacements', _NAMED)
+        displacements = read_by_name(options.displacements, '--displacements', _NAMED)
         tensions = {}
         if options.tensions is not None:
-            tensions = _by_name(options.tensions, '--tensions', 'tendon_1_2=1.5')
+            tensions = read_by_name(options.tensions, '--tensions', 'tendon_1_2=1.5')
         wound = solve_displacements(solver, displacements, tensions)
         backbone, slack = wound.backbone, wound.slack
     elif options.tensions is not None:
@@ -101,11 +102,3 @@ def run(options: argparse.Namespace) -> None:
     print(summary(backbone, solver))
     if slack:
         print(f'\nslack: {", ".join(slack)}')
-
-
-def _by_name(text: str, option: str, example: str) -> dict[str, float]:
-    """Return the numbers by tendon in the ``text`` of an option; TensionError if others."""
-    values = arguments.read_by_name(text, option, example)
-    if not isinstance(values, dict):
-        raise TensionError(f'{option} is {shown(values)}, expected numbers by name as {example}')
-    return values

@@ -63,7 +63,6 @@ def run(options: argparse.Namespace) -> None:
     if options.out is None and not options.json:
         options.out = Path('workspace.png')
     check_out(options, '--out', folder=False, draws=True)
-    picture = options.out
     highest = arguments.read_highest(options)
     with Bar('sets of tensions') as bar:
         workspace = sample_workspace(
@@ -75,13 +74,13 @@ def run(options: argparse.Namespace) -> None:
             scheduler=options.scheduler,
             progress=bar,
         )
-    if picture is not None:
-        with writing(picture) as place:
+    if options.out is not None:
+        with writing(options.out) as place:
             draw_workspace(workspace, config.solver(), place)
     print(
         json.dumps(as_dict(workspace, config.model, options.seed))
         if options.json
-        else summary(workspace, config.model, picture)
+        else summary(workspace, config.model, options.out)
     )
 
 

@@ -294,6 +294,7 @@ def opened(
         values = {**parameters, **calibration}
         notes = _write(written, path, values, columns, marker_names, to_base)
         with BagReader(written) as reader:
+            reader.path = path  # what errors name
             reader.notes += notes
             yield reader
 

@@ -159,6 +159,8 @@ def test_tip_poses_alone_do(short_bag, cli):
         ('--marker-s 0.1', '--marker-s has no effect without measured/markers; there are te'),
         ('--tensions - --tension-stddev 1', '--tension-stddev has no effect without t'),
         ('--tensions - --tendons a b c d', '--tendons has no effect without tensions; t'),
+        ('--motors a b c d', '--motors has no effect without tendon_displacements; there'),
+        ('--spools 0.01', '--spools has no effect without tendon_displacements; there'),
         ('--contact none --force-stddev 1', 'no effect with --contact none'),
         ('--current-stddev 1', 'current_stddev is 1, which has no effect with contact tip'),
         ('--tension-bias-rate 1', 'or no value without estimator.tension_bias_stddev'),

@@ -85,6 +85,7 @@ def test_pictures_of_a_simulation(profile, tmp_path, cli):
         (f'{SIMULATE} PROFILE --step 0', 'step is 0'),
         (f'{SIMULATE} PROFILE --hold 1e9', 'moments, expected at most'),
         (f'{SIMULATE} PROFILE --csv one --plot one', 'different files'),
+        (f'{SIMULATE} PROFILE --storage mcap', '--storage has no effect without --out'),
         ('simulate renda2012_table4 PROFILE', 'material.density is 0.0'),
         (f'modes {ARM} --count 0', 'number of modes is 0'),
     ],
@@ -291,6 +292,8 @@ COMPARE = 'compare BAG --midlines /tip_pose --dynamic'
     [
         ('replay BAG OUT --step 1e-3', '--step has no effect without --dynamic'),
         ('replay BAG OUT --dynamic --step 9', '--step is 9'),
+        ('replay BAG OUT --motors 0', '--motors has no effect on tensions alone'),
+        ('replay BAG OUT --spools 0.01', '--spools has no effect on tensions alone'),
         ('replay BAG OUT --dynamic --model renda2012', 'does not move'),
         (f'{COMPARE} --model all', 'only exact moves'),
         (f'{COMPARE} --align fit', 'alignment of an arm that moves'),

@@ -147,6 +147,26 @@ def test_nothing_is_written_over_or_into_the_bag(bag, cli):
     assert sorted(bag.iterdir()) == before
 
 
+def test_nothing_is_written_over_the_tables_that_are_read(tmp_path, cli):
+    for name in ('tensions.csv', 'midlines.csv', 'estimate.csv', 'turn.csv'):
+        (tmp_path / name).write_text('what was measured')
+    before = tree(tmp_path)
+    read = f'--tension-csv {tmp_path}/tensions.csv --midline-csv {tmp_path}/midlines.csv'
+    turn = f'{tmp_path}/turn.csv'
+    for command in (
+        f'compare {read} --out {tmp_path}',
+        f'compare --pose-csv {tmp_path}/midlines.csv --out {tmp_path}',
+        f'identify {read} --csv {tmp_path}',
+        f'identify {read} --out {tmp_path}/tensions.csv',
+        f'replay {tmp_path}/tensions.csv {tmp_path}/new --csv {tmp_path}',
+        f'estimate {tmp_path}/estimate.csv --csv {tmp_path}',
+        f'play {turn} --csv {turn}',
+        f'simulate renda2012_table4 {turn} --density 1 --plot {turn}',
+    ):
+        assert '.csv, which stays as it is' in cli.refused(command)
+    assert tree(tmp_path) == before
+
+
 def test_a_command_that_fails_leaves_no_empty_folder(cli, tmp_path):
     kept, new, file = tmp_path / 'kept', tmp_path / 'new', tmp_path / 'file'
     kept.mkdir()

@@ -212,6 +212,8 @@ def test_a_table_of_poses_without_time_or_header_is_compared_and_replayed(tmp_pa
     named = tmp_path / 'named.csv'
     named.write_text('l,x_mm,y_mm,z_mm\n' + table.read_text().replace(';', ','))
     status, said, _ = cli(f'replay {named} {out} --config {config} {columns}')
+    wrong = cli.refused(f'replay {named} {tmp_path}/new --config {config} {columns} --topics /a')
+    assert wrong.startswith(f'{named}: no topic /a for tensions')
     # Nothing says that these points are in base_frame, as those of the new bag are.
     assert status == 0 and 'the points of named.csv are left out' in said
     with BagReader(out) as reader:

@@ -101,6 +101,19 @@ def test_each_frame_is_that_of_the_pose_of_its_stamp(spacing, late, tmp_path, cl
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
 
+def test_points_of_a_row_without_tensions_count_for_no_other_row(tmp_path, cli):
+    tensions = random_poses(6, 3)
+    tips = CONFIG.solver().solve(tensions.reshape(-1, *CONFIG.arm.tension_shape)).tip
+    rows = np.column_stack([[0.0, 0.05, 1.0], tensions, tips]).tolist()
+    rows[1][1] = -1.0
+    table = tmp_path / 'poses.csv'
+    head = ','.join(['time', *CONFIG.arm.tendon_names, *'xyz'])
+    table.write_text('\n'.join([head, *(','.join(map(repr, row)) for row in rows)]))
+    said = cli.json('compare', '--pose-csv', table, *ARM, '--json')
+    assert [step['frames'] for step in said['steps']] == [1, 1]
+    assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
+
+
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
@@ -108,6 +121,7 @@ def test_each_frame_is_that_of_the_pose_of_its_stamp(spacing, late, tmp_path, cl
         (['--poses', '--hold', '1.0'], '--hold has no effect with --poses'),
         (['--ramp', '--settle', '2'], '--settle has no effect with --ramp'),
         (['--pose-csv', 'a', '--clock-offset', '1'], '--clock-offset has no effect with --pose'),
+        (['--pose-csv', 'a', '--tolerance', '1'], '--tolerance has no effect with --pose'),
         (['--ramp', '0.1', '--hold', '2'], '--hold has no effect with --ramp'),
         (['--poses', '--base-end', 'first'], '--base-end has no effect on tips and markers'),
     ],
