@@ -19,7 +19,8 @@ SUMMARY = 'find tensions for a target of the tip'
 DESCRIPTION = """\
 Find the tensions between 0 and --highest that bring the tip of the arm to a target with the least
 effort (sum of squares of tension over bound). If the target is out of reach, the nearest tip that
-a local search finds is printed, and the exit status is 1.
+a local search finds is printed, and the exit status is 1. The model is exact, whatever CONFIG
+says, unless --model names another.
 """
 EPILOG = ''
 
@@ -47,7 +48,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Find the tensions and print them; return 1 if the target is out of reach."""
-    # The most accurate model is the default.
     options.model = options.model or 'exact'
     config = arguments.read_config(options)
     solver = config.solver()
