@@ -132,8 +132,11 @@ def agree(
         work.take(int(prediction.solved.iterations))
     if not is_new:
         try:
-            if _is_nearer(prior, rows, prediction):
-                prediction = evaluated(prediction, nearest_possible(prediction.model, prior), work)
+            is_far = prediction.distance(prior.mean) > _LONGEST * prediction.model.arm.length
+            # Innovations are not linear over such a distance. A step needs one more evaluation.
+            if is_far and work.evaluations > 1:
+                new = evaluated(prediction, nearest_possible(prediction.model, prior), work)
+                prediction = min(prediction, new, key=lambda point: _cost(prior, rows, point))
             fit = _fit(_Local(prior, rows, agreement, prediction), work)
             if fit.is_converged or not work.is_left:
                 return fit
@@ -146,13 +149,9 @@ def agree(
     return _fit(_Local(prior, rows, agreement, prediction), work)
 
 
-def _is_nearer(prior: Gaussian, rows: Rows, prediction: Prediction) -> bool:
-    """Return whether the mean of the ``prior`` is far from ``prediction`` but fits better."""
-    if prediction.distance(prior.mean) <= _LONGEST * prediction.model.arm.length:
-        return False
-    innovation = rows.innovation(prediction)
-    prior_innovation = innovation - rows.jacobian(prediction) @ (prior.mean - prediction.x)
-    return square_of(prior_innovation, rows.noise_root) < square_of(innovation, rows.noise_root)
+def _cost(prior: Gaussian, rows: Rows, prediction: Prediction) -> float:
+    of_prior = square_of(prediction.x - prior.mean, prior.root)
+    return of_prior + square_of(rows.innovation(prediction), rows.noise_root)
 
 
 def evaluated(prediction: Prediction, x: FloatArray, work: Work) -> Prediction:

@@ -105,3 +105,15 @@ def test_filter_and_smoother_solve_the_normal_equations(arm, force):
         check(recursive.add(*step), means[-1], covariances[-1])
     for smoothed in zip(smooth(course.model, recording), means, covariances):
         check(*smoothed)
+
+
+def test_a_tip_that_is_thrown_far_within_a_period_is_accepted():
+    unknowns = Unknowns(Walk(0.2, 0.4), tip_force=Walk.stationary(2e-3, FORCE_TIME))
+    recursive, solver = Filter(ArmModel(RUBBER, unknowns)), Solver(RUBBER, 'exact')
+    for step, tendon in enumerate([0, 2, 1, 3, 0]):
+        tensions = 0.3 * np.eye(4)[tendon]
+        tip = solver.solve([tensions], np.array([0.0, 1e-3, -1e-3, 0.0, 0.0, 0.0])).tip
+        data = [Tensions(tensions, CELL), TipPosition(tip, 1e-3)]
+        estimate = recursive.add(PERIOD * step, data)
+        assert not estimate.refused
+        assert_allclose(estimate.backbone.tip, tip, rtol=0.0, atol=1e-3)
