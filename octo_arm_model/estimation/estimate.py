@@ -136,6 +136,12 @@ class Estimate:
         return tuple(entry.name for entry in self.innovations if not entry.is_accepted)
 
     @property
+    def heard(self) -> frozenset[str]:
+        """Names of the measurements of this time, and of their sensors."""
+        names = {name for new in self.measurements for name in new.channels(self.prediction)}
+        return frozenset(names | {entry.name for entry in self.innovations})
+
+    @property
     def tensions(self) -> FloatArray:
         """True tensions [N], (tendons,)."""
         return self.mean[self.state.tension]

@@ -51,12 +51,14 @@ class _Moment(NamedTuple):
     """The measurements of one time, and the newest estimate for each place of contact.
 
     Without a trustworthy shape the estimate is an earlier one or None, and its probability is 0.
+    The most probable place says since when each refused sensor has been refused [s], by name.
     """
 
     time: float
     measurements: tuple[Measurement, ...]
     estimates: tuple[Estimate | None, ...]
     probability: FloatArray
+    refused_since: Mapping[str, float]
 
     @property
     def leading(self) -> tuple[int, Estimate]:
@@ -160,8 +162,8 @@ class Estimator:
         self._moments, self._is_cut = moments[first:], self._is_cut or first > 0
         (best, estimate), (place, added_estimate) = newest.leading, added.leading
         innovations = added_estimate.innovations_after(replaced and replaced.estimates[place])
-        for moment in moments[index:]:  # a late measurement may change later verdicts
-            self._note_refused(origin + round(1e9 * moment.time), moment.leading[1])
+        refused = newest.refused_since.items()
+        self.refused_since = {name: origin + round(1e9 * since) for name, since in refused}
         self.suspects = estimate.suspects
         # If it begins anew at a time, it does so with the first message of this time.
         begins_anew = is_new or (added is newest and replaced is None and estimate.begins_anew)
@@ -170,17 +172,6 @@ class Estimator:
         names = list(self._models)
         probabilities = dict(zip(names, newest.probability.tolist(), strict=True))
         return EstimatorOutput(estimate, names[best], probabilities, innovations, begins_anew)
-
-    def _note_refused(self, stamp_ns: int, estimate: Estimate) -> None:
-        """Note since when the sensors of an ``estimate`` have been refused."""
-        innovations, prediction = estimate.innovations, estimate.prediction
-        refused = {new.name for new in innovations if not new.is_accepted}
-        for name in refused:
-            self.refused_since[name] = min(stamp_ns, self.refused_since.get(name, stamp_ns))
-        heard = {name for new in estimate.measurements for name in new.channels(prediction)}
-        heard |= {new.name for new in innovations}
-        for name in (heard - refused) & self.refused_since.keys():
-            del self.refused_since[name]
 
     def _with_measurements(
         self,
@@ -247,7 +238,11 @@ class Estimator:
         if failure is not None and highest == -math.inf:
             raise failure
         probability = np.exp(logarithms - highest)
-        return _Moment(time, measurements, tuple(estimates), probability / probability.sum())
+        moment = _Moment(time, measurements, tuple(estimates), probability / probability.sum(), {})
+        newest, since = moment.leading[1], {} if last is None else last.refused_since
+        refused = {name: since.get(name, time) for name in newest.refused}
+        unheard = {name: since[name] for name in since.keys() - newest.heard}
+        return moment._replace(refused_since=unheard | refused)
 
 
 class Filter:

@@ -181,3 +181,15 @@ def test_late_readings_do_not_change_since_when_a_sensor_is_refused():
     in_order, late = estimators
     assert late.refused_since == in_order.refused_since == {'tip position': 3 * SECOND // 20}
     assert late.suspects == in_order.suspects
+
+
+def test_a_sensor_is_refused_since_earlier_though_it_is_alone_at_first():
+    estimator, shape = Estimator({'tip': rubber(CASES['tip']['tip'])}, DOUBTING), SHAPES[0]
+    for step in range(4):
+        stamp, error = step * SECOND // 2, 0.04 if step > 1 else 0.0
+        tip = TipPosition(shape.tip + [0.0, 0.0, error], 5e-4)
+        is_alone_accepted = not estimator.add(stamp, [tip]).estimate.refused
+        markers = Markers(shape.s[10::10], shape.position[10::10], 5e-4)
+        estimator.add(stamp, [Tensions(TENSIONS, 0.01), markers])
+    assert is_alone_accepted
+    assert estimator.refused_since == {'tip position': SECOND}
