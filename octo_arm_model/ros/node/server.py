@@ -225,6 +225,8 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         assert self._publishers is not None
         config, solver = prepared.config, prepared.solver
         before, self._prepared = self._prepared, prepared
+        if before is not None and before.config.base_frame != config.base_frame:
+            self._frames.close()  # its own frames have another parent
         self._update_fields()
         self._diagnostics.describe(solver, config.diagnostic_limits)
         self._publishers.describe(solver, config)

@@ -216,6 +216,24 @@ def test_a_wrench_that_waits_for_its_transform_does_not_replace_a_newer_one(felt
     assert_allclose(tip(), expected_of('arm_base'), atol=1e-8)
 
 
+def test_frames_have_another_parent_where_base_frame_changes(felt):
+    def acts(parent):
+        moved = link(parent, 'cart')
+        moved.header.stamp.sec = 10
+        felt.moving.publish(tf2.TFMessage(transforms=[moved]))
+        send(felt, 'cart', sec=10)
+        tip = tip_of(felt.ask('tendon_tensions', FETCHING_IN_PLANE))
+        return np.allclose(tip, expected_of('world'), atol=1e-8)
+
+    felt.send_wrench(0.0)
+    try:
+        for parent in ('arm_base', 'elsewhere'):
+            assert felt.change(base_frame=parent) == (True, '')
+            felt.wait(lambda parent=parent: acts(parent), f'a wrench on a cart in {parent}')
+    finally:
+        assert felt.change(base_frame='arm_base') == (True, '')
+
+
 # Frames of sensors, and messages that wait for them ----------------------------------------------
 
 
