@@ -27,6 +27,7 @@ from octo_arm_model.rod.continuation import (
 )
 from octo_arm_model.rod.elements import COARSE, LEVELS, Elements, build_elements
 from octo_arm_model.rod.equilibrium import Condition, Equilibrium, Problem, State
+from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.forms import choose_form
 from octo_arm_model.rod.section_arrays import initial_twists
 from octo_arm_model.rod.tables import added_points, least_bending, tabulate
@@ -420,17 +421,20 @@ class Rod:
         self, equilibrium: Equilibrium, target: Condition, spending: Spending
     ) -> Equilibrium:
         """Return the ``equilibrium`` in the condition ``target``, on enough nodes."""
-        while not self.is_resolved(equilibrium.state, equilibrium.level):
+        while True:
+            # What is stable by a margin amplifies errors little.
+            factors = None if equilibrium.firm_state else equilibrium.factors
+            if self.is_resolved(equilibrium.state, equilibrium.level, factors):
+                return equilibrium
             finer = self.on_level(equilibrium, equilibrium.level + 1)
             problem, condition = self.problem(finer.level), self.at_level(target, finer.level)
             verdict = follow(problem, condition, finer.state.z, condition, spending)
             equilibrium = self._equilibrium(verdict, finer.level, spending.iterations)
-        return equilibrium
 
-    def is_resolved(self, state: State, level: int, is_driven: bool = False) -> bool:
+    def is_resolved(self, state: State, level: int, factors: Linear | None = None) -> bool:
         """Whether ``state`` is accurate enough on the nodes of a ``level``.
 
-        The derivatives at fixed tensions are not those of an arm that ``is_driven`` by winches.
+        Errors that a soft arm amplifies are found by the ``factors`` of its Jacobian, if given.
 
         Raises:
             SolveError: if it is not, and there is no finer level.
@@ -448,9 +452,11 @@ class Rod:
                         f'depths of about {depth:.1e} of the length'
                     )
                 return False
-        if error <= allowed and not is_driven:
-            factors = problem.linearise(state, _DAMPING)
-            error = max(error, finer.error_at_nodes(state, factors))
+        if error <= allowed and factors is not None:
+            at_nodes = finer.error_at_nodes(state, factors)
+            if not at_nodes <= allowed:
+                at_nodes = finer.error_at_nodes(state, problem.linearise(state, _DAMPING))
+            error = max(error, at_nodes)
         if self.is_last(level):
             allowed = max(allowed, WORST)
             require_resolved(problem, error, allowed)

@@ -283,7 +283,7 @@ class RodWinchEquations(WinchEquations):
 
     def is_resolved(self, state: State) -> bool:
         """Whether ``state`` is as accurate as the rod requires; SolveError on the last level."""
-        return self._rod.is_resolved(state, self._level, is_driven=True)
+        return self._rod.is_resolved(state, self._level)
 
     @functools.cached_property
     def slack(self) -> tuple[State, BorderedSystem]:
