@@ -8,7 +8,6 @@ import numpy as np
 from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.cli import arguments
-from octo_arm_model.cli.arguments import read_by_name
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import displacements_of, solve_displacements
 from octo_arm_model.rod.solver import Solver
@@ -86,10 +85,10 @@ def run(options: argparse.Namespace) -> None:
     solver = arguments.read_config(options).solver(compiled=False)
     slack: tuple[str, ...] = ()
     if options.displacements is not None:
-        displacements = read_by_name(options.displacements, '--displacements', _NAMED)
+        displacements = arguments.read_by_name(options.displacements, '--displacements', _NAMED)
         tensions = {}
         if options.tensions is not None:
-            tensions = read_by_name(options.tensions, '--tensions', 'tendon_1_2=1.5')
+            tensions = arguments.read_by_name(options.tensions, '--tensions', 'tendon_1_2=1.5')
         wound = solve_displacements(solver, displacements, tensions)
         backbone, slack = wound.backbone, wound.slack
     elif options.tensions is not None:

@@ -423,7 +423,7 @@ class Rod:
         """Return the ``equilibrium`` in the condition ``target``, on enough nodes."""
         while True:
             # What is stable by a margin amplifies errors little.
-            factors = None if equilibrium.firm_state else equilibrium.factors
+            factors = equilibrium.factors if equilibrium.firm_state is None else None
             if self.is_resolved(equilibrium.state, equilibrium.level, factors):
                 return equilibrium
             finer = self.on_level(equilibrium, equilibrium.level + 1)
@@ -432,45 +432,37 @@ class Rod:
             equilibrium = self._equilibrium(verdict, finer.level, spending.iterations)
 
     def is_resolved(self, state: State, level: int, factors: Linear | None = None) -> bool:
-        """Whether ``state`` is accurate enough on the nodes of a ``level``.
-
-        Errors that a soft arm amplifies are found by the ``factors`` of its Jacobian, if given.
+        """Whether a ``level`` resolves ``state``, by ``factors`` of its Jacobian if it is soft.
 
         Raises:
             SolveError: if it is not, and there is no finer level.
         """
-        problem, finer, allowed = self.problem(level), self.finer(level), self.setting.accuracy
-        between = finer.error_between(finer.balance(state)[1])
-        error = max(problem.position_error(state.z), between)
-        if problem.contact is not None:
+        problem, finer, is_last = self.problem(level), self.finer(level), self.is_last(level)
+        allowed, error = self.setting.accuracy, problem.position_error(state.z)
+        if is_last or problem.contact is not None:
             allowed = max(allowed, WORST)
-            depth = problem.contact.error(problem.places()) / self.arm.length
-            if not depth <= (_WORST_DEPTH if self.is_last(level) else _DEPTH):
-                if self.is_last(level):
-                    raise SolveError(
-                        f'{problem.elements.s.size} nodes do not resolve contact: error of '
-                        f'depths of about {depth:.1e} of the length'
-                    )
-                return False
+        if problem.contact is not None and not _resolves_contact(problem, is_last):
+            return False
+        if error <= allowed:
+            error = max(error, finer.error_between(finer.balance(state)[1]))
         if error <= allowed and factors is not None:
             at_nodes = finer.error_at_nodes(state, factors)
             if not at_nodes <= allowed:
                 at_nodes = finer.error_at_nodes(state, problem.linearise(state, _DAMPING))
             error = max(error, at_nodes)
-        if self.is_last(level):
-            allowed = max(allowed, WORST)
+        if is_last:
             require_resolved(problem, error, allowed)
         if not error <= allowed:
             return False
         if problem.friction is None or problem.discs is not None:
             return True  # Between discs tensions are constant.
         tension_error = finer.friction_error(state)
-        if self.is_last(level) and not tension_error <= _WORST_TENSION:
+        if is_last and not tension_error <= _WORST_TENSION:
             raise SolveError(
                 f'{problem.elements.s.size} nodes do not resolve the tensions of tendons with '
                 f'friction: error of about {tension_error:.1e} of them'
             )
-        return self.is_last(level) or tension_error <= allowed
+        return is_last or tension_error <= allowed
 
     def is_last(self, level: int) -> bool:
         """Whether there is no finer level than this one."""
@@ -483,6 +475,18 @@ class Rod:
         )
         points = nodes.points - more + next_more
         return nodes.lengths.size // cuts * next_cuts * points > MAX_NODES
+
+
+def _resolves_contact(problem: Problem, is_last: bool) -> bool:
+    """Whether the nodes resolve the depths in obstacles; SolveError if not and it ``is_last``."""
+    assert problem.contact is not None
+    depth = problem.contact.error(problem.places()) / problem.elements.edges[-1]
+    if is_last and not depth <= _WORST_DEPTH:
+        raise SolveError(
+            f'{problem.elements.s.size} nodes do not resolve contact: error of depths of about '
+            f'{depth:.1e} of the length'
+        )
+    return is_last or bool(depth <= _DEPTH)
 
 
 def require_resolved(problem: Problem, error: float, allowed: float) -> None:
