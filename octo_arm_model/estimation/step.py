@@ -85,13 +85,14 @@ class _Step:
             since = time if before is None else before
         used = [np.flatnonzero(update.is_used[leader]) for _, update in parts]
         square = sum(float(update.square[leader]) for _, update in parts)
-        # Twice the logarithm of the denominator of the density of all numbers that are used.
-        volume = sum(
-            float(np.linalg.slogdet(2.0 * np.pi * update.expected[leader][np.ix_(rows, rows)])[1])
-            for (_, update), rows in zip(parts, used)
-        )
         innovations = _innovations(parts, leader, prediction)
         unused = [item for item in innovations if not item.is_accepted]
+        # Twice the logarithm of the denominator of the density of all numbers. Those that are not
+        # used have one too: else their units would decide between places of contact.
+        blocks = [
+            update.expected[leader][np.ix_(rows, rows)] for (_, update), rows in zip(parts, used)
+        ] + [item.covariance for item in unused]
+        volume = sum(float(np.linalg.slogdet(2.0 * np.pi * block)[1]) for block in blocks)
         volume += sum(chi_square_limit(self._rules.gate, item.value.size) for item in unused)
         judged, bank = bank, self._filter.without_contradicted(bank)
         known, fault = self._filter.mixture(bank), CommonFault()

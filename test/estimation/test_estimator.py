@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 
-from octo_arm_model import Backbone, Solver
+from octo_arm_model import Arm, Backbone, Body, Material, Section, Solver
 from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveError
 from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput, Filter
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
@@ -247,6 +247,26 @@ def test_place_of_a_force_is_found(place):
         force = model.state.point_forces
         error = output.estimate.mean[force] - x[force]
         assert error @ np.linalg.solve(output.estimate.covariance[force, force], error) < 16.0
+
+
+def test_units_do_not_decide_between_places_where_one_refuses_a_sensor():
+    probabilities = []
+    for a, b in (1.0, 1.0), (4.0, 1.0), (1.0, 16.0):  # factors on lengths and stresses
+        force = a * a * b
+        young, length = b * 1.1e5, a * 0.2
+        body, section = Body(length, a * 0.0075, a * 0.003), Section(a * 0.18, a * 0.006, a * 2e-3)
+        arm = Arm(Material(young), body, (section,))
+        free = Unknowns(Walk(force * 5.0, force * 0.5))
+        tip = PointForce(length, Walk.stationary(force * 0.01, 1.0))
+        touched = dataclasses.replace(free, point_forces=(tip,))
+        bank = Estimator({name: ArmModel(arm, each) for name, each in zip('ab', (free, touched))})
+        for step, away in enumerate([0.0, 0.05 * length]):
+            bank.add(step * SECOND, [Tensions(force * TENSIONS, force * 0.01)])
+            position = Solver(arm).solve([force * TENSIONS]).tip + np.array([0.0, away, 0.0])
+            output = bank.add(step * SECOND, [TipPosition(position, 0.006 * length)])
+        probabilities.append(output.probabilities['a'])
+    assert probabilities == pytest.approx(3 * [probabilities[0]], rel=1e-9)
+    assert 1e-6 < probabilities[0] < 0.1
 
 
 def test_change_of_the_place_is_followed():
