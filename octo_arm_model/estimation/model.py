@@ -240,8 +240,8 @@ class Prediction:
         return Prediction(self.model, x, shape)
 
     def distance(self, x: FloatArray) -> float:
-        """Return the largest change of a station's coordinate in ``x``, to first order [m]."""
-        return float(np.abs(self.change.pose[:, :3] @ (x - self.x)).max())
+        """Return the largest displacement of a station in ``x``, to first order [m]."""
+        return float(np.linalg.norm(self.change.pose[:, :3] @ (x - self.x), axis=1).max())
 
     def backbone_at(self, x: FloatArray) -> Backbone:
         """Return the shape in a state ``x`` nearby to first order, with its own tensions."""
