@@ -24,6 +24,8 @@ METADATA = 'metadata.yaml'
 _ROOT = 'rosbag2_bagfile_information'
 _KINDS: dict[type, str] = {int: 'an integer', str: 'text', list: 'a list', dict: 'a map'}
 _MODES = ('', 'none', 'file', 'message')
+# Most bytes behind a message: `rclpy.serialize_message` leaves 4 for an empty array of doubles.
+_SURPLUS = 12
 Key = tuple[str, str]  # a topic and the type of messages on it
 
 
@@ -323,14 +325,12 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
         Raises:
             BagError: if its type is not known, or its bytes are not a message of this type.
         """
-        store = self.types_of(record.type_name)
-        try:
-            return store.deserialize_cdr(record.data, record.type_name)
-        except Exception as error:
+        store, data = self.types_of(record.type_name), record.data
+        for surplus in range(0, _SURPLUS + 1, 4):
             # The generated code raises errors of several types for invalid bytes.
-            raise BagError(
-                f'{record.topic}: {len(record.data)} bytes that are no {record.type_name}'
-            ) from error
+            with contextlib.suppress(Exception):
+                return store.deserialize_cdr(data[: len(data) - surplus], record.type_name)
+        raise BagError(f'{record.topic}: {len(data)} bytes that are no {record.type_name}')
 
     def read(self, record: Record, read: Callable[[Any], T]) -> tuple[Stamp, T | None, str]:
         """Return the stamp of a ``record``, the value of ``read`` for its message, and a reason.
