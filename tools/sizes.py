@@ -20,7 +20,7 @@ MOST = {
     'octo_arm_model/analysis': 1_610,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_490,
-    'octo_arm_model/bags': 2_580,
+    'octo_arm_model/bags': 2_570,
     'octo_arm_model/cli': 3_060,
     'octo_arm_model/config': 1_750,
     'octo_arm_model/estimation': 3_670,

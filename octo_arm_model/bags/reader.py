@@ -13,12 +13,12 @@ import yaml
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.typesys.store import Typestore
 
-from octo_arm_model.arm.errors import BagError, OctoArmError, listed, shown
+from octo_arm_model.arm.errors import BagError, MessageError, OctoArmError, listed, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.bags import storages
 from octo_arm_model.bags.storages import check_file, checked_yaml
 from octo_arm_model.bags.types import numeric_fields, types_for
-from octo_arm_model.wire.messages import Stamp
+from octo_arm_model.wire.messages import Stamp, time_of
 
 METADATA = 'metadata.yaml'
 _ROOT = 'rosbag2_bagfile_information'
@@ -124,11 +124,17 @@ def stamp_of(message: Any, received_ns: int) -> Stamp:
     """Return the stamp of the header of a decoded message, as the node does.
 
     If there is no header or its stamp is not set, return the time of receipt.
+
+    Raises:
+        MessageError: if that is no valid stamp.
     """
     header = getattr(message, 'header', None)
-    if header is not None and (header.stamp.sec or header.stamp.nanosec):
-        return Stamp.of(header.stamp)
-    return Stamp.from_ns(received_ns)
+    if header is not None and (stamp := time_of(Stamp.of(header.stamp))) is not None:
+        return stamp
+    stamp = Stamp.from_ns(received_ns)
+    if not -(2**31) <= stamp.sec < 2**31:
+        raise MessageError(f'received at {stamp.sec} s, which no stamp can hold')
+    return stamp
 
 
 T = TypeVar('T')
@@ -335,8 +341,9 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
     def read(self, record: Record, read: Callable[[Any], T]) -> tuple[Stamp, T | None, str]:
         """Return the stamp of a ``record``, the value of ``read`` for its message, and a reason.
 
-        If the message cannot be decoded, ``read`` refuses it by an OctoArmError, or it does not
-        have the fields that ``read`` takes, the value is None with the reason; else that is ''.
+        If the message cannot be decoded or has no valid stamp, ``read`` refuses it by an
+        OctoArmError, or it does not have the fields that ``read`` takes, the value is None with
+        the reason; else that is ''. The stamp is the time of receipt if no other is known.
         """
         stamp = Stamp.from_ns(record.received_ns)
         try:

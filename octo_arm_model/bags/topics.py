@@ -6,7 +6,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from octo_arm_model.arm.errors import BagError, ConfigError, MessageError, listed
+from octo_arm_model.arm.errors import BagError, ConfigError, listed
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import finite
 from octo_arm_model.bags.reader import BagReader, Record
@@ -16,7 +16,7 @@ from octo_arm_model.config.parameter_files import naming, parameters_of
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, TENDON_LENGTHS, TENSION_ESTIMATES
 from octo_arm_model.wire.estimate import ESTIMATES
 from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS
-from octo_arm_model.wire.messages import Stamp, time_of
+from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import (
     DISPLACEMENT_TYPE,
     DISPLACEMENTS,
@@ -181,7 +181,7 @@ class Reading(NamedTuple):
     """The tensions or displacements in a message, or the reason why it was refused.
 
     Attributes:
-        stamp: stamp of the message, from `stamp_of`, not checked.
+        stamp: stamp of the message; its time of receipt if it has none, or no valid one.
         tensions: tensions of `Arm.tension_shape` [N]; None if refused, or with displacements.
         reason: reason why the message was refused, or ''.
         displacements: length reeled in [m] by name of the tendons driven by length; None if there
@@ -230,7 +230,7 @@ class Source(NamedTuple):
                 read_displacements, arm=arm, encoders=config.encoders, field=self.field
             )
             stamp, lengths_by_tendon, reason = reader.read(record, read_lengths)
-            return _stampable(Reading(stamp, None, reason, lengths_by_tendon))
+            return Reading(stamp, None, reason, lengths_by_tendon)
         by_field = FieldMessage(record.type_name, self.field)
         kind = by_field if self.field else _KINDS[record.type_name]
 
@@ -243,7 +243,7 @@ class Source(NamedTuple):
                 finite(f'reading of {name}', tension, 'a finite number [N]')
             return tensions
 
-        return _stampable(Reading(*reader.read(record, calibrated)))
+        return Reading(*reader.read(record, calibrated))
 
 
 def pick_tensions(reader: BagReader, chosen: str | None, without: str | None = None) -> Source:
@@ -301,20 +301,6 @@ def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
             if fields := reader.numeric_fields(type_name):
                 texts.append(f'{topic}:{{{",".join(fields)}}}')
     return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(texts)}' if texts else ''
-
-
-def _stampable(reading: Reading) -> Reading:
-    """Return the ``reading``, refused if its stamp or its time of receipt is no valid stamp."""
-    if reading.is_refused:
-        return reading
-    if not -(2**31) <= reading.stamp.sec < 2**31:
-        reason = f'received at {reading.stamp.sec} s, which no stamp can hold'
-        return Reading(reading.stamp, None, reason)
-    try:
-        time_of(reading.stamp)
-    except MessageError as error:
-        return Reading(reading.stamp, None, str(error))
-    return reading
 
 
 class RecordedArm(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError
+from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader, Record, stamp_of
 from octo_arm_model.bags.topics import (
@@ -148,13 +148,13 @@ class MeasuredTopics:
                 raise MeasurementError(f'{topics}: more than {MOST_TRANSFORMS} transforms')
             for record, transform in transforms:
                 is_static = record.topic.endswith(_STATIC)
-                stamp = stamp_of(transform, record.received_ns).ns
                 shift, q = transform.transform.translation, transform.transform.rotation
                 parts = np.array([shift.x, shift.y, shift.z]), np.array([q.x, q.y, q.z, q.w])
                 names = str(transform.header.frame_id), str(transform.child_frame_id)
                 try:
+                    stamp = stamp_of(transform, record.received_ns).ns
                     tree.add(*names, stamp, *parts, is_static)
-                except MeasurementError as error:
+                except OctoArmError as error:
                     refusals.count(record.topic, str(error))
         for number, name in enumerate(self._measured.marker_frames):
             root = tree.chain(name)[-1]

@@ -246,6 +246,7 @@ def test_messages_that_measure_nothing_are_told(tmp_path):
         tensions(10, [0.1, 0, 0, 0]),
         tensions(20, [0, 0, -1e200, 0]),
         Sample('/measured/markers', *broken),
+        markers(-2 * START // MILLISECOND)._replace(received_ns=START),
     ]
     _, rows, groups, refusals = read(tmp_path / 'bag', content)
     assert len(groups) == 1 and rows.rows.tolist() == [[0.1, 0.0, 0.0, 0.0]]
@@ -256,6 +257,7 @@ def test_messages_that_measure_nothing_are_told(tmp_path):
         '/measured/markers: 1 left out, as ',
         '2 marker(s), expected 1',
         'bytes that are no geometry_msgs',
+        f'its stamp is -{START // 10**9} s and 0 ns, expected s >= 0',
     ):
         assert words in reasons
 
