@@ -22,7 +22,7 @@ from octo_arm_model.rod.backbone import Backbone
 HERE = Path(__file__).parent
 COEFFICIENTS = (0.0, 0.05, 0.1, 0.2)
 HIGHEST = 3.95  # [N], of Table 1
-_STEPS = 20  # of rising tension, and as many of falling
+_STEPS = 79  # of rising tension, 0.05 N each, and as many of falling
 _SHOWN = 2.0  # [N], tension of the drawn shapes
 _ARM = load_config('renda2012_prototype').arm
 
@@ -83,7 +83,7 @@ def draw(path: Path) -> None:
 
 def rows() -> list[str]:
     """Return the rows of the manual's table."""
-    numbers = [round(part * _STEPS) for part in (0.25, 0.5, 0.75)]
+    numbers = [round(tension / HIGHEST * _STEPS) for tension in (1.0, 2.0, 3.0)]
     lines = []
     for friction in COEFFICIENTS[1:]:
         shapes = loop(friction)

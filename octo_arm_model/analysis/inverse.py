@@ -16,7 +16,7 @@ from scipy.optimize import least_squares, minimize
 from octo_arm_model.analysis.targets import Stiffness, Target
 from octo_arm_model.arm.errors import SolveError, TensionError, shown
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.validation import check_class, real_numbers
+from octo_arm_model.arm.validation import check_class, real_numbers, whole
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.checks import check_highest
 from octo_arm_model.rod.sensitivity import Sensitivity
@@ -88,7 +88,7 @@ def find_tensions(
 
     Raises:
         TensionError: if ``highest`` or ``start`` do not fit the arm.
-        ArmDefinitionError: if another argument is of a wrong class.
+        ArmDefinitionError: if another argument is of a wrong class, or ``seed`` is negative.
         SolveError: if the model has no solution for any of the tensions tried.
     """
     check_class('solver', solver, Solver)
@@ -97,7 +97,7 @@ def find_tensions(
     arm = solver.arm
     limit = check_highest(arm, highest)
     search = _Search(solver, target, limit, stiffness, pause or (lambda: None))
-    drawn = np.random.default_rng(seed).uniform(0.0, 1.0, (_STARTS, limit.size))
+    drawn = np.random.default_rng(whole('seed', seed)).uniform(0.0, 1.0, (_STARTS, limit.size))
     starts = [0.05 * np.ones(limit.size), *drawn]
     if start is not None:
         given = real_numbers(start)

@@ -95,9 +95,9 @@ def within(name: str, value: object, low: float, high: float, unit: str) -> floa
 
 def whole(name: str, value: object) -> int:
     """Return ``value`` as an integer >= 0; raise ArmDefinitionError if it is not one."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
         raise ArmDefinitionError(name, value, 'an integer >= 0')
-    return value
+    return int(value)
 
 
 def vector(name: str, value: object, unit: str) -> tuple[float, float, float]:

@@ -19,7 +19,7 @@ from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
 from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.estimation.estimator import EstimatorOutput
-from octo_arm_model.estimation.settings import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX
+from octo_arm_model.estimation.settings import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX, TRUST
 from octo_arm_model.estimation.unknowns import Unknowns
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, MEASUREMENT_TOPICS, TIP_POSE
 from octo_arm_model.wire.tensions import DISPLACEMENTS
@@ -79,17 +79,17 @@ def _add_estimator(parser: argparse.ArgumentParser) -> None:
     for option, (name, metavar, text) in _OF_ARM.items():
         group = sensors if option == '--tension-stddev' else unknown
         group.add_argument(option, dest=name, type=float, metavar=metavar, help=text)
-    for parameter in _offered():
-        name = parameter.name.removeprefix(PREFIX)
+    for row in _offered():
+        name = row.name.removeprefix(PREFIX)
         group = sensors if name.startswith(_SENSORS) else unknown
-        shown = 'none' if parameter.is_array else f'{parameter.default:g}'
+        shown = 'none' if row.is_array else f'{TRUST.get(row.name, row.default):g}'
         group.add_argument(
             _option(name),
-            dest=parameter.name,
-            type=parameter.kind,
-            nargs='+' if parameter.is_array else None,
+            dest=row.name,
+            type=row.kind,
+            nargs='+' if row.is_array else None,
             metavar='S' if name == 'marker_s' else 'X',
-            help=f'{parameter.description} (default: {shown})'.replace('%', '%%'),
+            help=f'{row.description} (default: {shown})'.replace('%', '%%'),
         )
 
 
@@ -331,7 +331,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         topics.add_argument(
             f'--{name.rsplit("/", 1)[-1].replace("_", "-")}',
             dest=name,
-            metavar='TOPIC',
+            metavar='TOPIC[:FIELD]' if name in (DISPLACEMENTS, MARKERS) else 'TOPIC',
             help=f'topic to use instead of {name} ({row.type_name})',
         )
     text = 'midlines of a camera to compare with: nav_msgs/Path, PoseArray, or tips (default: '

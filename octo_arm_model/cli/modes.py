@@ -17,7 +17,7 @@ SUMMARY = 'natural frequencies of the arm'
 DESCRIPTION = """\
 Find the natural modes of the arm about its equilibrium under tensions: frequencies of small
 oscillations, with the added mass of the water, and their damping by the viscosity of the material.
-Tendons with friction stick.
+Tendons with friction stick. The model is exact, whatever CONFIG says.
 """
 EPILOG = """\
 examples:

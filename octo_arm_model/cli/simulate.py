@@ -22,7 +22,7 @@ DESCRIPTION = """\
 Simulate the motion of the arm under a profile of tensions, with inertia, weight, viscosity of the
 material, and drag and added mass of the surrounding water. The arm starts at rest. PROFILE is a
 movement of `octo-arm play --list`, or a file in the formats of that command. Tensions change
-linearly within a step. ROS is not needed.
+linearly within a step. The model is exact, whatever CONFIG says. ROS is not needed.
 """
 EPILOG = """\
 examples:

@@ -280,7 +280,7 @@ class Filter:
     def add(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
         """Process ``measurements`` of a ``time`` [s], and return the newest estimate.
 
-        If it fails, the filter does not change.
+        If it fails, only the counts change.
 
         Raises:
             MeasurementError: if the measurements come too late, or do not fit the arm.

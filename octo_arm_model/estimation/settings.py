@@ -26,6 +26,8 @@ RECOVER_AFTER = 1.0  # [s]
 CELL_FAULT, SENSOR_FAULT = 0.1, 0.005
 TURNED = 2.0  # angle by which a tendon turns up to a section whose friction is average [rad]
 PREFIX = 'estimator.'
+# In a recording a force is significant only where no faulty sensor may explain it.
+TRUST = {f'{PREFIX}cell_fault': 0.0, f'{PREFIX}sensor_fault': 0.0}
 # The only contact with which a parameter has an effect.
 _OF_CONTACT = {'moment_stddev': 'tip', 'current_stddev': 'current', 'change_time': 'somewhere'}
 _TENSION = 0.02  # noise of load cells if neither the arm nor the recording states one [N]
@@ -214,9 +216,9 @@ class EstimatorSettings:
         Parameters of tensions that are not given follow from those ``recorded``, if any.
 
         Raises:
-            ConfigError: if a parameter is unknown or of the wrong type.
-            ArmDefinitionError: if a value is outside its range.
-            MeasurementError: if a contact is not on the arm.
+            ConfigError: if a parameter is unknown, of the wrong type or without effect, or a place
+                is not on the arm.
+            ArmDefinitionError: if a number is outside its range.
         """
         table, arm = ESTIMATOR_PARAMETERS, config.arm
         refuse_unknown(values, [entry.name for entry in table], 'the estimator')
@@ -258,7 +260,7 @@ def _check(options: EstimatorParameters, arm: Arm) -> None:
     """Check the places against the arm, and the parameters against each other."""
     contact, positions = options.contact, options.contact_s
     if positions and contact not in ('at', 'somewhere'):
-        raise ConfigError(f'estimator.contact_s is given, which goes not with contact {contact}')
+        raise ConfigError(f'estimator.contact_s has no effect with contact {contact}')
     for name, only in _OF_CONTACT.items():
         value = getattr(options, name)
         if contact != only and value != getattr(EstimatorParameters, name):

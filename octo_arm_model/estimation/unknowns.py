@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import NoneType
 
 import numpy as np
@@ -60,7 +60,8 @@ class Walk:
     @classmethod
     def stationary(cls, stddev: float, correlation_time: float) -> Walk:
         """Return the Gauss-Markov process whose standard deviation is constant without data."""
-        return cls(stddev, stddev * math.sqrt(2.0 / correlation_time), correlation_time)
+        checked = cls(stddev, correlation_time=correlation_time)
+        return replace(checked, rate=stddev * math.sqrt(2.0 / correlation_time))
 
 
 @dataclass(frozen=True)

@@ -292,9 +292,7 @@ class Solver:
 
     def _single(self, tensions: FloatArray, wrench: FloatArray, shape: Shape) -> Backbone:
         equilibrium = shape.equilibrium
-        history = None
-        if self.arm.friction:
-            history = self._statics.history(equilibrium).T
+        history = self._statics.history(equilibrium).T if self.arm.friction else None
         convergence = np.array(equilibrium.state.residual), np.array(equilibrium.iterations)
         shapes = Shapes(*shape[:4], *convergence)
         return self._read_only(tensions, wrench, shapes, equilibrium, history)
@@ -380,6 +378,7 @@ class Solver:
 
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
+            OctoArmError: if there are none, as where a tendon with friction sticks.
         """
         return self._statics.sensitivity(self._equilibrium_of(backbone))
 
@@ -393,8 +392,8 @@ class Solver:
 
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver, the model has no
-                loads, one of ``loads`` is not dead, or tendons have friction.
-            ArmDefinitionError: if a load does not fit the arm.
+                loads, or one of ``loads`` is not dead.
+            OctoArmError: if a load does not fit the arm, and as `sensitivity`.
         """
         equilibrium = self._equilibrium_of(backbone)
         self._require_loads()
@@ -415,6 +414,7 @@ class Solver:
 
         Raises:
             ConfigError: if the model has no derivative by something that is uncertain.
+            OctoArmError: as `sensitivity`.
         """
         check_class('uncertainty', uncertainty, Uncertainty)
         if not uncertainty.is_any:

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
     Arm,
+    ArmDefinitionError,
     BackboneShape,
     Bending,
     Body,
@@ -149,6 +150,8 @@ def test_loads_are_included(table4):
 def test_bounds_must_be_positive(solver, highest):
     with pytest.raises(TensionError, match='highest tension of tendon_1_1 is'):
         find_tensions(solver, TipPosition([0.3, 0.0, 0.0]), highest)
+    with pytest.raises(ArmDefinitionError, match='seed is -1, expected an integer >= 0'):
+        find_tensions(solver, TipPosition([0.3, 0.0, 0.0]), 1.0, seed=-1)
 
 
 @pytest.mark.parametrize('name', ['position', 'pose', 'bending', 'shape'])

@@ -8,6 +8,7 @@ from touched_demo import TOUCHED, record, touched_bag
 
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.types import known_types
+from octo_arm_model.cli.main import main
 from octo_arm_model.wire.estimate import read_covariance
 
 TIP = ('--markers', '-')
@@ -169,3 +170,9 @@ def test_tip_poses_alone_do(short_bag, cli):
 )
 def test_wrong_options_are_one_line(short_bag, options, words, cli):
     assert words in cli.refused(f'estimate {short_bag} {options}')
+
+
+def test_the_help_states_the_defaults_that_hold(capsys):
+    with pytest.raises(SystemExit):
+        main(['estimate', '--help'])
+    assert 'cells that are never faulty (default: 0)' in ' '.join(capsys.readouterr().out.split())

@@ -334,6 +334,9 @@ def test_failed_step_leaves_the_filter_unchanged():
     for name, wrong in (('gate', 1.0), ('cell_fault', -0.1), ('recover_after', -1.0)):
         with pytest.raises(MeasurementError, match=f'{name} is {wrong}, expected'):
             Rules(**{name: wrong})
+    for time in (0.0, -1.0, math.nan):
+        with pytest.raises(MeasurementError, match='correlation_time of a walk'):
+            Walk.stationary(1.0, time)
 
 
 @pytest.mark.parametrize('wrong', ['0.5', True, None])

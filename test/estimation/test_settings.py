@@ -159,7 +159,7 @@ def test_models_use_the_parameters_and_exact():
     [
         ({'contact': 'elbow'}, "contact is 'elbow', expected one of tip, at"),
         ({'contact': 'at'}, 'contact_s is empty, expected where the arm is touched'),
-        ({'contact_s': [0.1]}, 'contact_s is given, which goes not with contact tip'),
+        ({'contact_s': [0.1]}, 'contact_s has no effect with contact tip'),
         ({'contact': 'current', 'moment_stddev': 0.1}, 'no effect with contact current'),
         ({'current_stddev': 3.0}, 'current_stddev is 3, which has no effect with contact tip'),
         ({'change_time': 2.0}, 'change_time is 2, which has no effect with contact tip'),
