@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_930,
+    'octo_arm_model': 44_940,
     'octo_arm_model/analysis': 1_610,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_490,
@@ -26,7 +26,7 @@ MOST = {
     'octo_arm_model/estimation': 3_670,
     'octo_arm_model/experiment': 6_200,
     'octo_arm_model/reproduce': 1_050,
-    'octo_arm_model/rod': 11_290,
+    'octo_arm_model/rod': 11_300,
     'octo_arm_model/ros': 4_790,
     'octo_arm_model/simulation': 2_220,
     'octo_arm_model/viewer': 2_130,

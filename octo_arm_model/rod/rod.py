@@ -439,9 +439,10 @@ class Rod:
         """
         problem, finer, is_last = self.problem(level), self.finer(level), self.is_last(level)
         allowed, error = self.setting.accuracy, problem.position_error(state.z)
-        if is_last or problem.contact is not None:
+        depth_error = _depth_error(problem, is_last)
+        if is_last or depth_error:
             allowed = max(allowed, WORST)
-        if problem.contact is not None and not _resolves_contact(problem, is_last):
+        if not (is_last or depth_error <= _DEPTH):
             return False
         if error <= allowed:
             error = max(error, finer.error_between(finer.balance(state)[1]))
@@ -477,16 +478,21 @@ class Rod:
         return nodes.lengths.size // cuts * next_cuts * points > MAX_NODES
 
 
-def _resolves_contact(problem: Problem, is_last: bool) -> bool:
-    """Whether the nodes resolve the depths in obstacles; SolveError if not and it ``is_last``."""
-    assert problem.contact is not None
-    depth = problem.contact.error(problem.places()) / problem.elements.edges[-1]
-    if is_last and not depth <= _WORST_DEPTH:
+def _depth_error(problem: Problem, is_last: bool) -> float:
+    """Return the error of depths in obstacles over the length, 0 if none is touched.
+
+    Raises:
+        SolveError: if it is too large, and this level ``is_last``.
+    """
+    if problem.contact is None:
+        return 0.0
+    error = problem.contact.error(problem.places()) / problem.elements.edges[-1]
+    if is_last and not error <= _WORST_DEPTH:
         raise SolveError(
             f'{problem.elements.s.size} nodes do not resolve contact: error of depths of about '
-            f'{depth:.1e} of the length'
+            f'{error:.1e} of the length'
         )
-    return is_last or bool(depth <= _DEPTH)
+    return float(error)
 
 
 def require_resolved(problem: Problem, error: float, allowed: float) -> None:

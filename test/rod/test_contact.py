@@ -197,6 +197,14 @@ def test_contact_is_independent_of_the_pose_of_the_base():
     assert force == pytest.approx(turn @ solver.contacts(shape).force[0], abs=1e-6)
 
 
+def test_obstacle_that_is_not_touched_costs_no_accuracy():
+    loads = Loads(gravity=GRAVITY, obstacles=(floor(10.0, 1e6),))
+    beside, alone = (Solver(ROD, 'exact', loads=each) for each in (loads, Loads(gravity=GRAVITY)))
+    assert beside.solve([[1.0, 0.2]]).tip == pytest.approx(
+        alone.solve([[1.0, 0.2]]).tip, abs=2e-8 * LENGTH
+    )
+
+
 @pytest.mark.parametrize('at', [0.4, 0.4004, 0.4008])
 def test_slender_arm_does_not_pass_through_an_equally_thin_post(at):
     arm, radius = slender(1e-3), 1e-3
