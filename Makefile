@@ -1,4 +1,4 @@
-# make run        an arm without hardware, shown at http://localhost:8080, its tendons in your hand;
+# make run        a simulated arm at http://localhost:8080, with a slider for each tendon;
 #                 ARM=config/renda2012_table2.yaml chooses the arm, PORT=8081 the port
 # make touch      the same arm, pushed again and again: from tensions, tip and markers with noise
 #                 an estimator finds the force, and says how well it knows the shape
@@ -29,7 +29,7 @@ OLDEST = .ros/oldest
 .PHONY: help run touch octopus test test-all test-oldest lint bench soak docs screenshots prepare clean
 
 help:
-	@sed -n 's/^# //p' $(firstword $(MAKEFILE_LIST))
+	@sed -n '/^# /!q; s/^# //p' $(firstword $(MAKEFILE_LIST))
 
 run: prepare
 	@tools/with_ros octo_arm_demo $(ARM) $(MOTION) --port $(PORT)

@@ -264,14 +264,14 @@ def test_compliances_are_symmetric_and_reciprocal(name):
     compliance = sensitivity.compliance * unit * unit.T
     lengths = sensitivity.by_tension.tendon_length
     for symmetric, sign in ((compliance, 1.0), (lengths, -1.0)):
-        assert_allclose(symmetric, symmetric.T, atol=1e-7 * np.abs(symmetric).max())
+        assert_allclose(symmetric, symmetric.T, atol=1e-8 * np.abs(symmetric).max())
         # The tip moves along a force, and a tendon under more tension gets shorter.
         eigenvalues = sign * np.linalg.eigvalsh(symmetric)
         assert eigenvalues.min() > -1e-9 * eigenvalues.max()
     assert np.linalg.eigvalsh(compliance).min() > 0.0
     expected = -sensitivity.by_tension.tip * unit
     actual = sensitivity.by_tip_wrench.tendon_length.T * unit
-    assert_allclose(actual, expected, atol=1e-7 * np.abs(expected).max())
+    assert_allclose(actual, expected, atol=1e-8 * np.abs(expected).max())
 
 
 # Uncertainty -----------------------------------------------------------------------------------

@@ -386,7 +386,7 @@ def test_shape_equals_that_of_a_boundary_value_solver(arm, tensions, shear, load
     solver = Solver(arm, 'exact', 21, material='linear', shear=shear, loads=loads)
     shape = solver.solve(tensions)
     expected = reference.loaded_bvp(arm, tensions, shape, loads, shear=shear, tol=1e-6)
-    assert_allclose(shape.position, expected.position, atol=1e-6 * arm.length)
+    assert_allclose(shape.position, expected.position, atol=2e-8 * arm.length)
     rotation = Rotation.from_quat(shape.quaternion).as_matrix()
     assert_allclose(rotation, expected.rotation, atol=1e-5)
     unloaded = Solver(arm, 'exact', material='linear', shear=shear).solve(tensions)
