@@ -82,7 +82,7 @@ class EstimatorParameters(ParameterGroup):
     )
     tension_rate: float = stated(
         'standard deviation of the change of each tension in a second [N]; 0 for the largest '
-        'tension of the tendon',
+        'that the arm bears',
         0.0,
         '>= 0',
     )
