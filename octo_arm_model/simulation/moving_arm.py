@@ -16,6 +16,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
 from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.arm.validation import not_negative, positive
+from octo_arm_model.config.files import tension_columns
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.motion import Dynamics
 from octo_arm_model.rod.motion_state import Inputs, MotionState
@@ -172,12 +173,13 @@ def simulate(
 
 def write_motion_csv(path: Path, moments: Sequence[Moment], names: Sequence[str]) -> None:
     """Write times, tips and tensions of ``moments`` to a CSV file; ``names`` name the tendons."""
-    tip = [f'tip_{axis}' for axis in _AXES] + [f'tip_velocity_{axis}' for axis in _AXES]
+    time, *tensions = tension_columns(names)
+    tip = *(f'tip_{one} [m]' for one in _AXES), *(f'tip_velocity_{one} [m/s]' for one in _AXES)
     rows = [
         [one.time, *one.backbone.tip, *one.tip_velocity, *one.backbone.tensions.ravel()]
         for one in moments
     ]
-    np.savetxt(path, rows, '%.9g', ',', header=','.join(['time', *tip, *names]), comments='')
+    np.savetxt(path, rows, '%.9g', ',', header=','.join([time, *tip, *tensions]), comments='')
 
 
 def draw_motion(

@@ -46,10 +46,10 @@ def test_a_simulation_is_the_same_in_bag_and_table(profile, tmp_path, cli):
     status, out, err = cli(f'{held} {table} --out {bag}')
     assert status == 0 and out.startswith('0.4 s simulated in') and '20 moments in' in err
     names = table.read_text().partition('\n')[0].split(',')
-    assert names[:3] == ['time', 'tip_x', 'tip_y'] and names[-1] == 'tendon_3_4'
+    assert names[:2] == ['time [s]', 'tip_x [m]'] and names[-1] == 'tendon_3_4 [N]'
     rows = np.loadtxt(table, delimiter=',', skiprows=1)
     assert_allclose(rows[:, 0], 0.02 * np.arange(21), atol=1e-12)
-    assert_allclose(rows[5:, names.index('tendon_3_1')], 0.2)
+    assert_allclose(rows[5:, names.index('tendon_3_1 [N]')], 0.2)
     with BagReader(bag) as reader:
         assert {'/tendon_tensions', '/backbone/poses', '/tip_pose'} <= set(reader.topics)
         poses = [record.data for record in reader.messages(['/backbone/poses'])]
