@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Connection
@@ -113,15 +114,10 @@ class CsvAnswers(CsvFiles):
             OSError: if a file cannot be written.
         """
         super().__init__()
+        self._folder, self._topics = folder, topics
         self._stations = self.open(folder / 'stations.csv')
         self._stations.writerow(STATIONS)
-        names = (
-            ['tensions.csv']
-            if len(topics) == 1
-            else [f'tensions{re.sub("[^A-Za-z0-9_]", "_", topic)}.csv' for topic in topics]
-        )
-        self._tensions = {topic: self.open(folder / name) for topic, name in zip(topics, names)}
-        self._started: set[str] = set()
+        self._tensions: dict[str, Any] = {}
         self._origin: int | None = None
 
     def write(self, topic: str, stamp_ns: int, shape: Backbone, tendons: Sequence[str]) -> None:
@@ -129,8 +125,9 @@ class CsvAnswers(CsvFiles):
         if self._origin is None:
             self._origin = stamp_ns
         time = round(1e-9 * (stamp_ns - self._origin), 9)
-        if topic not in self._started:
-            self._started.add(topic)
+        if topic not in self._tensions:
+            of = re.sub('[^A-Za-z0-9_]', '_', topic) if len(self._topics) > 1 else ''
+            self._tensions[topic] = self.open(self._folder / f'tensions{of}.csv')
             self._tensions[topic].writerow(tension_columns(tendons))
         self._tensions[topic].writerow([time, *shape.tensions.ravel().tolist()])
         self._stations.writerows([topic, stamp_ns, time, *row] for row in station_rows(shape))

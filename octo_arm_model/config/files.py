@@ -221,8 +221,8 @@ class CsvFiles(contextlib.ExitStack):
     """CSV files that stay open until the block ends."""
 
     def open(self, path: Path) -> Any:
-        """Return a writer of a new file; raise OSError if it cannot be written."""
-        file = self.enter_context(path.open('w', encoding='utf-8', newline=''))
+        """Return a writer of a new file; raise OSError if it exists or cannot be written."""
+        file = self.enter_context(path.open('x', encoding='utf-8', newline=''))
         return csv.writer(file, lineterminator='\n')
 
 

@@ -415,9 +415,9 @@ def content(inputs: Inputs) -> list[Sample]:
     return found
 
 
-def bag_of(path: Path, inputs: Inputs, **changes: Any) -> Path:
+def bag_of(path: Path, inputs: Inputs, *more: Sample, **changes: Any) -> Path:
     text = text_sample('/arm_description', parameters_as_yaml(PARAMETERS | changes), 1)
-    return write_bag(path, [text, *content(inputs)])
+    return write_bag(path, [text, *more, *content(inputs)])
 
 
 def replayed(path: Path, topic: str) -> list[Any]:
@@ -439,7 +439,8 @@ def test_winches_and_load_cells_drive_different_tendons_until_all_are_let_go(tmp
     shapes = [solver.solve(part * PULL) for part in (0.4, 0.7, 1.0)]
     names = ARM.tendon_names
     reeled = [dict(zip(names, displacements_of(solver, one).ravel().tolist())) for one in shapes]
-    bag = bag_of(tmp_path / 'in', [*reeled, {}, PULL, HALF, 1.2 * PULL, {'elbow': 0.1}, {}])
+    bad = Sample('/tendon_tensions/array', ARRAY, 2, tensions_data(ARRAY, names, [0.1], 2))
+    bag = bag_of(tmp_path / 'in', [*reeled, {}, PULL, HALF, 1.2 * PULL, {'elbow': 0.1}, {}], bad)
     table = tmp_path / 'table'
     report = cli.json('replay', bag, tmp_path / 'out', '--json', '--csv', table)['topics']
     assert report['/tendon_tensions']['answered'] == 2
@@ -465,6 +466,7 @@ def test_winches_and_load_cells_drive_different_tendons_until_all_are_let_go(tmp
     pulls = [expected[number].tensions.ravel() for number in driven]
     assert_allclose([one.tension for one in estimates], pulls, atol=1e-7)
     assert {tuple(one.name) for one in estimates} == {names}
+    assert not list(table.glob('*array*'))  # without an answer
     of_cells, of_winches = (
         np.loadtxt(table / f'tensions_{name}.csv', delimiter=',', skiprows=1)[:, 1:]
         for name in ('tendon_tensions', 'tendon_displacements')
