@@ -367,8 +367,7 @@ def test_json_of_a_workspace_is_in_si_units_and_draws_nothing(cli, tmp_path, mon
     assert (found['samples'], found['model'], found['seed']) == (96, 'closed_form', 7)
     for name in ('highest', 'tensions', 'tip', 'direction'):
         assert_allclose(found[name], getattr(expected, name), atol=1e-12, err_msg=name)
-    status, out, _ = cli('workspace', 'renda2012_table4', '--highest', '1e9', *given)
-    assert status == 1 and json.loads(out)['refused'] == 96
+    assert cli('workspace', 'renda2012_table4', '--highest', '1e9', *given)[0] == 1
     assert not list(tmp_path.iterdir())
 
 
