@@ -15,8 +15,6 @@ from octo_arm_model.rod.section_formulas import widening
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.rod.stations import interpolated, nearest
 
-_LEAST = 1e-30  # lower bound of a squared length in a denominator [m^2]
-
 
 def equal_axes(points: FloatArray, half: float = 0.53) -> FloatArray:
     """Return ends (3, 2) of axes about ``points`` (..., 3), twice ``half`` their extent long."""
@@ -91,7 +89,7 @@ def _nearest(
     offset = a - b
     uu, vv, uv = (np.sum(p * q, axis=1) for p, q in ((u, u), (v, v), (u, v)))
     uo, vo = np.sum(u * offset, axis=1), np.sum(v * offset, axis=1)
-    uu, vv = np.maximum(uu, _LEAST), np.maximum(vv, _LEAST)
+    uu, vv = (np.maximum(square, np.finfo(float).tiny) for square in (uu, vv))
     determinant = uu * vv - uv * uv
     is_skew = determinant > 1e-12 * uu * vv
     x = np.where(is_skew, (uv * vo - uo * vv) / np.where(is_skew, determinant, 1.0), 0.0)

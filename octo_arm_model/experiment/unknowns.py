@@ -16,7 +16,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.stiffness import SectionStiffness
+from octo_arm_model.arm.stiffness import SectionStiffness, default_highest
 from octo_arm_model.arm.tendon import Section
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.camera import Alignment
@@ -54,7 +54,8 @@ _BY_LOAD_CELLS = ('tension_scale', 'tension_offset')
 _FARTHEST = 10.0  # bound of logarithms
 _ROUGHEST = 2.0  # largest fitted coefficient of friction [-]
 _ROUGH = 0.1  # initial coefficient of friction if the config has none [-]
-_THREAD = 1000.0  # initial stiffness E A of tendons if the config has none [N]
+_THREAD = 200.0  # initial E A of tendons over their highest tension, if the config has none
+_AWAY = 5e-3  # a large offset of tendons, encoders or the camera, over the length
 _SOFTEST = 1e6  # initial stiffness of tendons over the least fitted one
 
 
@@ -154,6 +155,8 @@ def unknowns_of(
     ``alignment`` is the start of its own fit.
     """
     arm, material, motion = config.arm, config.arm.material, config.motion
+    young, away = float(material.youngs_modulus_at(0.0)), _AWAY * arm.length
+    highest = float(default_highest(arm).max())
 
     def ratio(name: str, unit: str, first: float) -> list[Unknown]:
         ends = -_FARTHEST, _FARTHEST
@@ -162,30 +165,31 @@ def unknowns_of(
     poisson = float(material.poisson_ratio_at(0.0))
     torsion, *curvatures = arm.rest.at(np.zeros(1))[:, 0].tolist()
     # A fit that starts at zero, the end of a range, would hardly leave it.
-    damping = ('Pa s', motion.viscosity, 100.0) if motion.viscosity else None
+    damping = ('Pa s', motion.viscosity, 0.01 * young / 3.0) if motion.viscosity else None
     unit, damped, usual = damping or ('s', motion.damping_time or 0.01, 0.01)
     rough = float(np.mean(arm.friction or (_ROUGH,)))
-    thread = float(np.mean(arm.axial_stiffness or (0.0,))) or _THREAD
+    thread = float(np.mean(arm.axial_stiffness or (0.0,))) or _THREAD * highest
     spool = float(np.mean(np.abs(config.encoders.scale or (1.0,))))
     sheath = arm.sheath_stiffness[0] if arm.sheath_stiffness else 0.0
-    pose = zip(ALIGNMENT, 3 * ['m'] + 3 * ['rad'], (*alignment.shift, *alignment.turn))
+    units = 3 * [('m', away)] + 3 * [('rad', 1e-2)]
+    pose = zip(ALIGNMENT, units, (*alignment.shift, *alignment.turn))
     return {
-        'youngs_modulus': ratio('youngs_modulus', 'Pa', float(material.youngs_modulus_at(0.0))),
+        'youngs_modulus': ratio('youngs_modulus', 'Pa', young),
         BENDING: ratio(BENDING, 'N m^2', math.sqrt(math.prod(_bending(arm)))),
         'poisson_ratio': [Unknown('poisson_ratio', '-', poisson, 0.5, -1.0 + 1e-6, 0.5)],
         SHEATH: ratio(SHEATH, 'Pa', sheath),
-        'tendon_offsets': [Unknown(f'{OFFSET}{name}', 'm', 0.0, 1e-3) for name in pulled],
+        'tendon_offsets': [Unknown(f'{OFFSET}{name}', 'm', 0.0, away) for name in pulled],
         'friction': [Unknown('friction', '-', rough, 0.1, 0.0, _ROUGHEST)],
         'tension_scale': ratio('tension_scale', '-', 1.0),
-        'tension_offset': [Unknown('tension_offset', 'N', 0.0, 0.1)],
-        'alignment': [Unknown(part, unit, float(value), 1e-2) for part, unit, value in pose],
+        'tension_offset': [Unknown('tension_offset', 'N', 0.0, 0.02 * highest)],
+        'alignment': [Unknown(part, unit, float(at), size) for part, (unit, size), at in pose],
         REST_CURVATURE: [
             Unknown(part, '1/m', first, 0.1 / arm.length)
             for part, first in zip(OF_REST, curvatures, strict=True)
         ],
         REST_TORSION: [Unknown(REST_TORSION, '1/m', torsion, 0.1 / arm.length)],
         SPOOL: ratio(SPOOL, 'm', spool),
-        ENCODER_ZEROS: [Unknown(f'{ZERO}{name}', 'm', 0.0, 1e-3) for name in encoders],
+        ENCODER_ZEROS: [Unknown(f'{ZERO}{name}', 'm', 0.0, away) for name in encoders],
         AXIAL: [Unknown(AXIAL, 'N', 1.0, 1.0, 0.0, _SOFTEST, Scale.INVERSE, thread)],
         DAMPING: [Unknown(DAMPING, unit, damped, usual, 0.0)],
         DRAG: [Unknown(DRAG, '-', motion.normal_drag or 1.0, 1.0, 0.0)],
@@ -491,8 +495,7 @@ class Unknowns:
 
     def _spool(self, x: FloatArray) -> float:
         """Return the radius of the spools over that in the config [-]."""
-        first = float(np.mean(np.abs(self._encoders.scale or (1.0,))))
-        return self.value(x, SPOOL, first) / first
+        return math.exp(x[self.names.index(SPOOL)]) if SPOOL in self.names else 1.0
 
     @property
     def _encoder_offset(self) -> FloatArray:

@@ -221,7 +221,7 @@ class DynamicArm(SimulatedArm):
                 bound, direction = np.where(holds, direction, bound), 0.0 * direction
                 continue
             excess = (after.tensions - np.clip(after.tensions, least, most)) * holds
-            releases = np.abs(excess) > 1e-9 * (1.0 + after.tensions)  # beyond rounding
+            releases = np.abs(excess) > 1e-9 * most  # beyond rounding
             # A winch that reaches its length holds it again.
             passed = self._dynamics.displacements(after) - lengths
             is_reached = ~released & (bound * passed > 0.0)

@@ -337,7 +337,7 @@ class TendonDrive:
         most = np.minimum(config.limits, winches.force_limit or np.inf)
         bounds = np.array([np.full(most.size, winches.slack_floor), most])
         effective = relaxation.effective(relaxation.step(crept, bounds, elapsed), bounds)
-        low, high = np.abs(tension - bounds) <= 1e-9 * (1.0 + bounds)
+        low, high = np.abs(tension - bounds) <= 1e-9 * most  # by rounding
         # Without a floor the time steps find out which tendons of held winches are slack.
         low &= (effective[0] > 0.0) & (goal <= now)
         at_bound = np.where(high & (goal > now), 1.0, -1.0 * low)

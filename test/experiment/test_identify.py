@@ -204,6 +204,38 @@ def test_modulus_and_stretch_are_found_together():
     assert sum(name.startswith('encoder_zero') for name in found.estimates) == 1
 
 
+@pytest.mark.parametrize(('a', 'b'), [(1 / 64, 1 / 16), (16.0, 2.0**16)])
+def test_a_fit_does_not_depend_on_size_and_stiffness_of_the_arm(a, b):
+    steps, force = winches(**FREE), a * a * b
+    fits = {
+        'youngs_modulus': b,
+        'tension_offset': force,
+        'axial_stiffness': force,
+        'encoder_zero.tendon_1_1': a,
+    }
+    start = WINCHES | {
+        name: np.multiply(a, value).tolist()
+        for name, value in WINCHES.items()
+        if name.startswith(('body.', 'sections.offset', 'sections.anchorage', 'tendons.free'))
+    }
+    start['material.youngs_modulus'] *= b
+    similar = []
+    for step in steps:
+        read, lengths = force * step.window.tensions, a * step.window.displacements
+        window = dataclasses.replace(step.window, tensions=read, displacements=lengths)
+        points, noise = a * step.points, a * step.noise
+        similar.append(dataclasses.replace(step, window=window, points=points, noise=noise))
+    expected, found = (
+        fitted(each, *list(fits)[:3], start=arm)
+        for each, arm in ((steps, WINCHES), (similar, start))
+    )
+    assert_allclose(
+        [values(found)[name] / factor for name, factor in fits.items()],
+        [values(expected)[name] for name in fits],
+        rtol=1e-5,
+    )
+
+
 def test_without_load_cells_the_shape_tells_the_tension_and_only_the_ratio_of_stiffnesses():
     steps = without_cells(winches(**FREE), GUESS)
     found = fitted(steps, 'axial_stiffness', start=GUESS)
