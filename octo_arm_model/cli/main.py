@@ -55,7 +55,7 @@ examples:
   octo-arm inverse renda2012_table4 --tip 0.2 0.1 -0.1
   octo-arm workspace renda2012_table4 --out cloud.png
   octo-arm play --list
-  octo-arm simulate my_arm.yaml bending --plot bending.png
+  octo-arm simulate my_arm.yaml steps --plot steps.png
   octo-arm modes my_arm.yaml
   octo-arm load renda2012_table2 --node /octo_arm
   octo-arm record-demo experiment
