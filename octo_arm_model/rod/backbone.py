@@ -43,7 +43,7 @@ class Backbone:
         k: curvature about b [1/m], (..., stations).
         q: longitudinal strain [-], (..., stations).
         tensions: tensions of the tendons [N], ``(..., *Arm.tension_shape)``.
-        tip_wrench: force and moment on the tip, of the loads too, in base_frame [N, N m], (..., 6).
+        tip_wrench: force and moment on the tip, with the loads, in base_frame [N, N m], (..., 6).
         residual: relative residual of the model's equations [-], (...).
         iterations: iterations of the solver, (...).
         equilibrium: equilibrium of a single arm, from which `Solver.solve` continues as ``start``;
