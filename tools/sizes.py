@@ -27,7 +27,7 @@ MOST = {
     'octo_arm_model/experiment': 6_200,
     'octo_arm_model/reproduce': 1_050,
     'octo_arm_model/rod': 11_300,
-    'octo_arm_model/ros': 4_790,
+    'octo_arm_model/ros': 4_800,
     'octo_arm_model/simulation': 2_220,
     'octo_arm_model/viewer': 2_130,
     'octo_arm_model/wire': 1_380,

@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 
-from octo_arm_model.arm.errors import MeasurementError, OctoArmError
+from octo_arm_model.arm.errors import MeasurementError, MessageError, OctoArmError
 from octo_arm_model.ros.topics import create_subscription, decoded, take_all
 from octo_arm_model.ros.work import WorkQueue, steady_timer
 from octo_arm_model.wire.messages import Stamp
@@ -20,6 +20,7 @@ Read: TypeAlias = Callable[[str, Any], None]
 # A best-effort subscription receives from reliable publishers as well. All but the latest message
 # in the queue are skipped; the depth limits how many of the skipped ones are counted.
 INPUT_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+MOST_BYTES = 2**23  # of a message; to decode one of many small parts takes seconds by then
 MOST_WAITING = 50  # messages, beyond which the oldest is refused
 LARGEST = 50_000  # bytes of a message that waits
 LONGEST = 2.0  # [s] that a message waits
@@ -241,6 +242,8 @@ class LatestSubscription:
         heard_at = self.heard_at = time.monotonic()
 
         def read() -> None:
+            if len(latest) > MOST_BYTES:
+                raise MessageError(f'{len(latest)} bytes, expected at most {MOST_BYTES}')
             # One that has waited is out of date if a newer one was read meanwhile.
             if self.is_answered or heard_at >= self._read_at:
                 self._read(self.topic, decoded(latest, self._kind))

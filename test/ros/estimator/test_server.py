@@ -186,6 +186,7 @@ def test_what_cannot_have_been_measured_is_refused_with_a_sentence(client):
         ('measured/markers', 'poses', 20_000 * [Pose()], 'it has 20000 marker(s), expected 2'),
         ('measured/base_wrench', 'wrench.torque.y', math.nan, 'base wrench: value is'),
         ('measured/base_wrench', 'header.frame_id', 'camera', "its frame is 'camera'"),
+        ('measured/base_wrench', 'header.frame_id', 2**23 * 'f', '8388676 bytes, expected'),
     ):
         client.logs.clear()
         heard = len(client.answers['tip_pose'])
