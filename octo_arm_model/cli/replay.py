@@ -71,7 +71,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_columns(parser)
     arguments.add_flag(parser, '--lengths', 'write tendon_lengths too')
     arguments.add_flag(parser, '--no-copy', 'write only the answers, without the content of IN')
-    text = 'folder for stations.csv, and for tensions.csv, which `octo-arm play` reads'
+    text = 'folder for stations.csv and tensions.csv, which `octo-arm play` reads if stamps rise'
     arguments.add_path(parser, '--csv', 'DIR', text)
     arguments.add_storage(parser)
     arguments.add_json(parser, '')
