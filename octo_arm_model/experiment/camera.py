@@ -9,6 +9,7 @@ without friction at once, so that friction is not mistaken for an offset.
 
 import contextlib
 import dataclasses
+import itertools
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -184,13 +185,10 @@ def _with_friction(tensions: FloatArray) -> FloatArray:
     This is the play operator: the transmitted tension is constant while it differs from the given
     one by less than this part, and otherwise follows it at that distance.
     """
-    transmitted = np.empty_like(tensions)
-    last = np.zeros(tensions.shape[1])
-    lows, highs = (1.0 - _PLAY) * tensions, (1.0 + _PLAY) * tensions
-    for row, low, high in zip(transmitted, lows, highs):
-        last = np.minimum(np.maximum(last, low), high)
-        row[:] = last
-    return transmitted
+    ends = zip((1.0 - _PLAY) * tensions, (1.0 + _PLAY) * tensions)
+    none = np.zeros(tensions.shape[1])
+    held = itertools.accumulate(ends, lambda last, end: np.clip(last, *end), initial=none)
+    return np.array([*held][1:])
 
 
 def _residual(
@@ -199,9 +197,12 @@ def _residual(
     """Return the mean squared residual of ``tips`` at ``times``, without the worst [m^2]."""
     at = interpolated(times, tension_time, expected)
     regressors = np.column_stack([np.ones(len(times)), at])
-    coefficients = np.linalg.lstsq(regressors, tips, rcond=1e-9)[0]
-    squares = np.sort(((tips - regressors @ coefficients) ** 2).sum(axis=1))
-    return float(squares[: max(1, int(_KEPT * len(squares)))].mean())
+    kept = np.arange(len(times))
+    for _ in range(2):  # outliers have no effect on the second fit
+        coefficients = np.linalg.lstsq(regressors[kept], tips[kept], rcond=1e-9)[0]
+        squares = ((tips - regressors @ coefficients) ** 2).sum(axis=1)
+        kept = squares.argsort()[: max(1, int(_KEPT * len(squares)))]
+    return float(squares[kept].mean())
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,6 @@ _FARTHEST = 10.0  # bound of logarithms
 _ROUGHEST = 2.0  # largest fitted coefficient of friction [-]
 _ROUGH = 0.1  # initial coefficient of friction if the config has none [-]
 _THREAD = 200.0  # initial E A of tendons over their highest tension, if the config has none
-_AWAY = 5e-3  # a large offset of tendons, encoders or the camera, over the length
 _SOFTEST = 1e6  # initial stiffness of tendons over the least fitted one
 
 
@@ -155,7 +154,7 @@ def unknowns_of(
     ``alignment`` is the start of its own fit.
     """
     arm, material, motion = config.arm, config.arm.material, config.motion
-    young, away = float(material.youngs_modulus_at(0.0)), _AWAY * arm.length
+    young, away = float(material.youngs_modulus_at(0.0)), 5e-3 * arm.length  # a large offset [m]
     highest = float(default_highest(arm).max())
 
     def ratio(name: str, unit: str, first: float) -> list[Unknown]:
