@@ -8,7 +8,6 @@ between the points, but wrenches do not: they are interpolated, and balanced at 
 """
 
 import functools
-import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -21,7 +20,7 @@ from octo_arm_model.rod.factors import Linear
 from octo_arm_model.rod.friction import Band
 from octo_arm_model.rod.loads import pose_rates
 from octo_arm_model.rod.section_arrays import Bends, tendons_at
-from octo_arm_model.rod.tables import BETWEEN, places_at, tabulate, work_arrays
+from octo_arm_model.rod.tables import errors_between, places_at, tabulate, work_arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +148,7 @@ class FinePoints:
 
     def error_between(self, fine: FloatArray) -> float:
         """Return the estimated error of positions by ``fine`` twists, over the length [-]."""
-        return math.sqrt(self.own.position_error(fine)) / BETWEEN
+        return float(errors_between(self.own.position_error(fine)))
 
     def error_at_nodes(self, state: State, factors: Linear) -> float:
         """Return the estimated error of positions at nodes and tip, over the length [-].

@@ -66,7 +66,7 @@ from octo_arm_model.rod.loads import along, pose_rates
 from octo_arm_model.rod.rod import WORST, Rod, Setting, require_resolved
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, part_of, strain_changes
 from octo_arm_model.rod.statics import Setup, Shape, Shapes, Statics, strains_of
-from octo_arm_model.rod.tables import AXIAL, PaperTables, allowed_between, places_at
+from octo_arm_model.rod.tables import AXIAL, PaperTables, errors_between, places_at
 from octo_arm_model.rod.winch_equations import BorderedSystem, RodWinchEquations
 from octo_arm_model.rod.winches import Winches
 
@@ -274,14 +274,15 @@ class Papers(Statics):
         Raises:
             SolveError: if it is not, and there is no finer level.
         """
-        accuracy = self._setup.accuracy
-        allowed = allowed_between(accuracy) if target.before is None else _OF_HISTORY * accuracy
-        if self._setup.arm.friction and target.before is None:
-            allowed *= _OF_FRICTION
-        if error > allowed and self.rod.is_last(level):
+        accuracy, factor = self._setup.accuracy, _OF_FRICTION if self._setup.arm.friction else 1.0
+        if target.before is not None:
+            is_resolved = error <= _OF_HISTORY * accuracy
+        else:
+            is_resolved = bool(errors_between(error / factor) <= accuracy)
+        if not is_resolved and self.rod.is_last(level):
             require_resolved(self.problem(level), error, max(accuracy, WORST))
             return True
-        return error <= allowed
+        return is_resolved
 
     def shape(self, level_number: int, target: Condition) -> tuple[Shape, float]:
         """Return the shape on a level, and the estimated error of positions over its length."""

@@ -25,7 +25,7 @@ from octo_arm_model.rod.equilibrium import ArmBatch, Condition, Equilibrium, Pro
 from octo_arm_model.rod.factors import RecentFactors
 from octo_arm_model.rod.rod import Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Derivatives, Sensitivity, Uncertainty
-from octo_arm_model.rod.tables import Places, allowed_between
+from octo_arm_model.rod.tables import Places, errors_between
 from octo_arm_model.rod.tendons import outward_paths
 from octo_arm_model.rod.winches import Winches
 
@@ -200,7 +200,7 @@ class Statics(abc.ABC):
         position, quaternion, error = batch.poses(z, places)
         position += self._setup.base[0]
         shapes.position[numbers], shapes.quaternion[numbers] = position, quaternion
-        return error <= allowed_between(self._setup.accuracy)
+        return errors_between(error) <= self._setup.accuracy
 
     @abc.abstractmethod
     def wind(

@@ -349,7 +349,7 @@ class Motion(NamedTuple):
 # Largest ratio of the error of positions to the sums of squares, for errors above 1e-10; measured
 # for the arm of Table 4 under random tensions in water and air, and for the metal rod.
 OF_BENDS, OF_DIRECTIONS = 2e-3, 1e-4
-BETWEEN = 30.0
+_BETWEEN = 30.0
 _ADDED, _ADDED_FINE, _FINE = 4, 5, 1e-8  # added points, more of them below this accuracy
 
 
@@ -358,12 +358,12 @@ def added_points(accuracy: float, has_friction: bool) -> int:
     return _ADDED if accuracy >= _FINE and not has_friction else _ADDED_FINE
 
 
-def allowed_between(accuracy: float) -> float:
-    """Return the limit of `position_errors` for an ``accuracy`` of positions between the points.
+def errors_between(errors: FloatArray | float) -> FloatArray:
+    """Return errors of positions anywhere, where `position_errors` has those at ends of elements.
 
-    Errors between the points are of first order, those at the ends of elements of second order.
+    These are of second order, those between the points of first order.
     """
-    return min(accuracy, (BETWEEN * accuracy) ** 2)
+    return np.maximum(errors, np.sqrt(errors) / _BETWEEN)
 
 
 def position_errors(
