@@ -125,6 +125,7 @@ def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Re
     # A fork of a process with threads, such as those of BLAS or ROS, may deadlock; spawn does not.
     context = multiprocessing.get_context('spawn')
     lifeline, held = context.Pipe(duplex=False)
+    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, context, _start_worker, (pickled, lifeline))
     try:
         with _no_interrupts():
@@ -139,7 +140,8 @@ def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Re
             "if __name__ == '__main__': around what it runs; processes=1 starts none"
         ) from error
     except BaseException:
-        held.close()
+        for worker in set(multiprocessing.active_children()) - others:
+            worker.terminate()
         raise
     finally:
         pool.shutdown(cancel_futures=True)

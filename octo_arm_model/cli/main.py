@@ -112,7 +112,10 @@ def _run(arguments: Sequence[str] | None) -> int:
         refuse_overwriting(options)
         show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
         with folders_made() as options.made:
-            return options.run(options) or 0
+            status = options.run(options) or 0
+        if sys.stdout is None:
+            return fail(_PROG, 'standard output is closed: what was printed is lost')
+        return status
     except KeyboardInterrupt as interrupt:
         # Shells report SIGINT by this status; the command may say what is not written.
         print(

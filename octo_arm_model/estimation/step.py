@@ -138,7 +138,7 @@ class _Step:
         """Return the updated hypotheses, a prediction of the leader, and all partial updates."""
         model, earlier, bank_filter = self._model, self._earlier, self._filter
         # If no work is left, the shape is the one that was solved for a state nearby.
-        start = earlier or near if self._work.is_left else near or earlier
+        start = earlier if self._work.is_left else near or earlier
         bank = new_bank(model)
         if earlier is not None:
             bank = earlier.bank.after(model, self._time - earlier.time)

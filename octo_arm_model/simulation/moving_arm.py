@@ -193,8 +193,7 @@ def draw_motion(
     figure.suptitle(title)
     axes = figure.add_subplot(1, 2, 1)
     times = [one.time for one in moments]
-    for axis, name in enumerate(_AXES):
-        axes.plot(times, [one.backbone.tip[axis] for one in moments], label=f'tip {name}')
+    axes.plot(times, [one.backbone.tip for one in moments], label=[f'tip {one}' for one in _AXES])
     axes.set(xlabel='time [s]', ylabel='position [m]')
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
@@ -219,26 +218,27 @@ def animate(
 
     After every frame ``progress`` gets the number of frames drawn and of all.
     """
-    from matplotlib.animation import FuncAnimation, PillowWriter
+    from matplotlib.animation import PillowWriter
     from matplotlib.figure import Figure
 
     if len(moments) > _MOST_FRAMES:
         raise ConfigError(f'{len(moments)} frames, expected at most {_MOST_FRAMES}: a lower rate')
+    if not 0.0016 <= rate <= 100.0:
+        raise ConfigError(f'rate is {rate:g}, expected 0.0016 to 100 Hz for a GIF')
     figure = Figure(figsize=(5.0, 5.0), layout='constrained')
     space = figure.add_subplot(projection='3d')
     (line,) = space.plot(*moments[0].backbone.position.T, linewidth=3.0)
     _frame(space, moments, obstacles)
-
-    def show(number: int) -> None:
-        line.set_data_3d(*moments[number].backbone.position.T)
-        space.set_title(f'{title}, {moments[number].time:.2f} s')
-
-    show(0)
-    figure.draw_without_rendering()
-    figure.set_layout_engine('none')  # one layout is for all frames
-    moving = FuncAnimation(figure, show, len(moments))
-    writer = PillowWriter(round(rate))
-    moving.save(path, writer, dpi=80, progress_callback=lambda n, total: progress(n + 1, total))
+    frequency: Any = 1e3 / (10 * round(100 / rate) + 0.5)  # of whole hundredths of a second
+    writer = PillowWriter(frequency)  # it rounds milliseconds down
+    writer.setup(figure, path, dpi=80)
+    for number, moment in enumerate(moments, 1):
+        line.set_data_3d(*moment.backbone.position.T)
+        space.set_title(f'{title}, {moment.time:.2f} s')
+        writer.grab_frame()
+        figure.set_layout_engine('none')  # one layout is for all frames
+        progress(number, len(moments))
+    writer.finish()
 
 
 def _frame(space: Any, moments: Sequence[Moment], obstacles: Sequence[Obstacle]) -> None:

@@ -167,6 +167,11 @@ def test_an_interrupted_command_says_so(cli, monkeypatch):
     assert cli('workspace', 'renda2012_table4', '--json') == (130, '', 'octo-arm: interrupted\n')
 
 
+def test_a_closed_standard_output_is_an_error(cli, monkeypatch):
+    monkeypatch.setattr(sys, 'stdout', None)
+    assert 'standard output is closed' in cli.refused(*SOLVE, 'tendon_1_1=1')
+
+
 def test_without_ros_playing_says_what_to_do(cli, monkeypatch):
     for name in ['rclpy', *(one for one in sys.modules if one.startswith('rclpy.'))]:
         monkeypatch.setitem(sys.modules, name, None)

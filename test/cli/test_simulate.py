@@ -64,10 +64,15 @@ def test_a_simulation_is_the_same_in_bag_and_table(profile, tmp_path, cli):
 
 def test_pictures_of_a_simulation(profile, tmp_path, cli):
     matplotlib = pytest.importorskip('matplotlib.image')
+    image = pytest.importorskip('PIL.Image')
     plot, gif = tmp_path / 'motion.png', tmp_path / 'motion.gif'
     assert cli(f'{SIMULATE} {profile} --rate 10 --plot {plot} --animate {gif}')[0] == 0
     assert np.ptp(matplotlib.imread(plot)) > 0.5
-    assert gif.read_bytes().startswith(b'GIF8')
+    with image.open(gif) as moving:
+        assert (moving.n_frames, moving.info['duration']) == (4, 100)
+    for rate in (1e-3, 250):
+        said = cli(f'{SIMULATE} {profile} --rate {rate} --animate {gif}')
+        assert said[0] == 2 and f'rate is {rate:g}, expected 0.0016 to 100 Hz for a GIF' in said[2]
     # An obstacle is in the picture where it is near the arm.
     shape = load_config('renda2012_table4').solver('exact').solve(np.zeros((3, 4)))
     moments, seen = [Moment(time, shape, np.zeros(3)) for time in (0.0, 1.0)], []

@@ -145,6 +145,13 @@ def test_order_of_measurements_of_one_time_does_not_matter(order):
         assert {sum(count) for count in counts.values()} == {5} and len(counts) == 3
 
 
+def test_first_time_does_not_depend_on_the_number_of_messages():
+    together, separately = agile(), agile()
+    for measurement in sensors():
+        estimate = separately.add(ORIGIN, [measurement]).estimate
+    np.testing.assert_array_equal(estimate.mean, together.add(ORIGIN, sensors()).estimate.mean)
+
+
 def test_covariance_includes_faults_that_are_not_detectable():
     strict = Estimator({'tip': rubber(Unknowns(Walk(5.0, 1.0), tip_force=LIKELY))}, STRICT)
     trusting = Estimator({'tip': rubber(Unknowns(Walk(5.0, 1.0), tip_force=LIKELY))})
