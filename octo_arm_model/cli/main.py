@@ -113,9 +113,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         show_logs(lambda text, is_warning: print(f'octo-arm: {text}', file=sys.stderr))
         with folders_made() as options.made:
             status = options.run(options) or 0
-        if sys.stdout is None:
-            return fail(_PROG, 'standard output is closed: what was printed is lost')
-        return status
+        return status if sys.stdout else fail(_PROG, 'standard output is closed, output is lost')
     except KeyboardInterrupt as interrupt:
         # Shells report SIGINT by this status; the command may say what is not written.
         print(

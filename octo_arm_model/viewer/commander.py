@@ -30,12 +30,14 @@ class Commander:
     Attributes:
         tensions: newest commanded tensions [N], (tendons,).
         profile: the profile that is played, or None.
+        commands: number of commands so far, of which each replaces the one before.
     """
 
     def __init__(self, tensions: ArrayLike) -> None:
         """Start at ``tensions`` [N], (tendons,), without a command."""
         self.tensions = np.array(tensions, dtype=np.float64)
         self.profile: CommandProfile | None = None
+        self.commands = 0
         self._speed, self._loop = 1.0, False
         self._transition: CommandProfile | None = None
         self._started = 0.0
@@ -78,6 +80,7 @@ class Commander:
     def stop(self) -> None:
         """Stop any transition or profile, and hold the tensions."""
         self.profile = self._transition = None
+        self.commands += 1
 
     @property
     def is_moving(self) -> bool:

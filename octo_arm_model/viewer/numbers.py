@@ -97,21 +97,15 @@ def comparison(tip: FloatArray, other: Backbone) -> str:
     )
 
 
-def searching() -> str:
-    """Return the text that is shown while tensions for a target are searched."""
-    return _STYLE.format('<span class="octo-arm-search">searching …</span>')
-
-
 def search_result(answer: Inverse) -> str:
     """Return the result of the search for a target."""
+    length = _length(answer.error)
     if answer.reached:
-        text = f'reached: the tip is within {_length(answer.error)} of the target'
-    else:
-        text = (
-            f'out of reach: the nearest found leaves {_length(answer.error)}. The search is local '
-            'and may have missed nearer ones.'
-        )
-    return _STYLE.format(f'<span class="octo-arm-search">{text}</span>')
+        return _STYLE.format(f'reached: the tip is within {length} of the target')
+    return _STYLE.format(
+        f'out of reach: the nearest found leaves {length}. The search is local and may have '
+        'missed nearer ones.'
+    )
 
 
 def error_text(problem: object) -> str:

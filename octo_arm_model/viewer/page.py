@@ -119,7 +119,7 @@ class Page:
         self._queue, self._is_closed = later, False
         self._solver = config.solver()
         self.commander = Commander(np.zeros(len(config.arm.tendons)))
-        self._has_commanded = False
+        self._has_commanded, self._asked = False, 0
         self._read = self._plotted = -np.inf
         self._config = config
         length = config.arm.length
@@ -264,16 +264,20 @@ class Page:
             target.visible = checkbox.value
 
         def search() -> None:
-            self._search_text.content = numbers.searching()
+            self._search_text.content = numbers.note('searching …')
+            self._asked = self.commander.commands
             self._search.request(target.position, self.commander.tensions)
 
         checkbox.on_update(lambda event: self._later(show))
         target.on_update(lambda event: self._later(search))
 
     def _take(self, answer: Answer) -> None:
-        if isinstance(answer, Inverse):
+        if self._asked != self.commander.commands:
+            self._search_text.content = numbers.note('A newer command has replaced the search.')
+        elif isinstance(answer, Inverse):
             self._search_text.content = numbers.search_result(answer)
             self.commander.move(answer.backbone.tensions, time.monotonic(), _APPROACH)
+            self._asked = self.commander.commands
         else:
             self._search_text.content = numbers.error_text(answer)
 

@@ -89,6 +89,12 @@ class Page:
         uuid = self.controls[label]
         self.send({'type': 'GuiUpdateMessage', 'uuid': uuid, 'updates': updates})
 
+    def wait_for(self, text):
+        while text not in zstandard.ZstdDecompressor().decompress(
+            self._socket.recv(DEADLINE)[16:]
+        ):
+            pass
+
     def wait_until_closed(self):
         with pytest.raises(ConnectionClosed):
             while True:
@@ -300,7 +306,8 @@ CAMERAS = (
     {'position': [NAN, 0.0, 0.0]},
     {'look_at': [1e300, 0.0, 0.0]},
     {'wxyz': [1.0]},
-    {'image_width': 10**9},
+    *({'image_width': size} for size in (10**9, 0, -1, True)),
+    {'wxyz': 4 * [0.0], 'image_height': 0},
     {'more': 1},
 )
 TYPES = 'ShareUrlRequest', 'GuiFormDirtyMessage', 'GuiFormSubmitMessage', 'CommandTriggerMessage'
@@ -344,6 +351,15 @@ def test_what_no_page_here_asks_for_is_passed_over(viewer):
         assert viewer.still_obeys() == []
         viewer.pull(page, 4, 1.5)
     viewer.still_obeys()
+
+
+def test_a_search_for_a_target_does_not_replace_a_newer_command(viewer):
+    with viewer.page() as page:
+        page.send({**DRAG, 'position': [-5.0, 0.0, 0.0]})  # out of reach, which takes long
+        page.wait_for(b'searching')
+        page.update('Let all go slack', value=True)
+        page.wait_for(b'A newer command')
+        assert viewer.still_obeys() == []
 
 
 def test_a_message_of_any_size_is_not_taken_in(viewer):
