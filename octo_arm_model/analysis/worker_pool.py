@@ -139,11 +139,9 @@ def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Re
             'a worker process ended before its work did: out of memory, or a script without '
             "if __name__ == '__main__': around what it runs; processes=1 starts none"
         ) from error
-    except BaseException:
+    finally:
         for worker in set(multiprocessing.active_children()) - others:
             worker.terminate()
-        raise
-    finally:
         pool.shutdown(cancel_futures=True)
         held.close()
         lifeline.close()
@@ -153,7 +151,7 @@ def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Re
 def _no_interrupts() -> Iterator[None]:
     """Block SIGINT, which a terminal sends to all, in processes started within the context.
 
-    They inherit the mask, so that they print no traceback; `_start_worker` ends them.
+    They inherit the mask, so that they print no traceback; `_in_pool` ends them.
     """
     if not hasattr(signal, 'pthread_sigmask'):
         yield

@@ -99,7 +99,7 @@ def comparison(tip: FloatArray, other: Backbone) -> str:
 
 def search_result(answer: Inverse) -> str:
     """Return the result of the search for a target."""
-    length = _length(answer.error)
+    length = f'{1e3 * max(answer.error, 1e-4):.1f} mm'
     if answer.reached:
         return _STYLE.format(f'reached: the tip is within {length} of the target')
     return _STYLE.format(
@@ -123,10 +123,6 @@ def _milliseconds(latency: float) -> str:
     if not -0.01 < latency < 10.0:
         return 'stamps are of another clock'
     return f'{1e3 * latency:.1f} ms from tension to shape'
-
-
-def _length(error: float) -> str:
-    return f'{1e3 * error:.1f} mm' if error >= 1e-4 else '0.1 mm'
 
 
 def _warning(text: str) -> str:
