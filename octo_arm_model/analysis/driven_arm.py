@@ -148,9 +148,7 @@ class DrivenArm:
     def _answer(
         self, solver: Solver, config: Config, tip_wrench: FloatArray | None, has_covariance: bool
     ) -> Answer:
-        tensions = self.tensions
-        if tensions is None:
-            tensions = np.zeros(config.arm.tension_shape)
+        tensions = np.zeros(config.arm.tension_shape) if self.tensions is None else self.tensions
         if not self.displacements:
             backbone = self._last = solver.follow(tensions, self._shape, tip_wrench)
         else:

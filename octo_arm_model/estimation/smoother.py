@@ -34,6 +34,7 @@ _SHORTEST = 1e-3  # least fraction of a step
 # Second derivatives of a course nearby lead not exactly to the least cost. So near to the mean
 # course, in standard deviations per component, steps that shorten by this factor are progress too.
 _NEAR, _PROGRESS = 0.3, 0.95
+_ZERO = 1e-4  # change of a constant that is rounding, in standard deviations
 _SLACK = 1e-3  # allowed rise of the cost by rounding, in squares of standard deviations
 
 
@@ -156,16 +157,16 @@ class _Pass:
             fraction *= 0.5
 
     def _improbability(self) -> float:
-        """Return the sum of squares of state changes and noise, in standard deviations."""
-        steps, points, state = self._steps, self.points, self._state
-        total = square_of(points[0].x, state.prior.root)
-        for (step, point), (following, after) in itertools.pairwise(zip(steps, points)):
-            elapsed = following.time - step.time
-            growth = state.growth(elapsed)
-            moves = growth > 0.0
-            moved = (after.x - state.decay(elapsed) * point.x)[moves] / growth[moves]
-            total += float(moved @ moved)
-        for step, point in zip(steps, points):
+        """Return the squares of changes and noise; infinite if a constant has several values."""
+        total, state = square_of(self.points[0].x, self._state.prior.root), self._state
+        pairs = itertools.pairwise(zip(self._steps, self.points, self.course))
+        for (step, point, known), (following, after, _) in pairs:
+            growth, decay = (f(following.time - step.time) for f in (state.growth, state.decay))
+            change, moves = after.x - decay * point.x, growth > 0.0
+            if (np.abs(change) > _ZERO * np.linalg.norm(known.root, axis=1))[~moves].any():
+                return math.inf
+            total += float(((change[moves] / growth[moves]) ** 2).sum())
+        for step, point in zip(self._steps, self.points):
             for rows in step.accepted:
                 total += square_of(rows.innovation(point), rows.noise_root)
         return total
@@ -183,8 +184,7 @@ class _Pass:
                 white = solve_lower(rows.noise_root, columns)
                 factor = spread(white[:, 1:])
                 change = factor @ (factor.T @ (white[:, 1:].T @ white[:, 0]))
-                mean = known.mean + known.root @ change
-                known = Gaussian(mean, lower_root(known.root @ factor))
+                known = Gaussian(known.mean + known.root @ change, lower_root(known.root @ factor))
                 if rows.second(prediction) is not None:
                     volumes = -2.0 * np.log(np.abs(factor.diagonal()))
                     volume += step.bank.agreement.weight * float(volumes.sum())
@@ -206,9 +206,11 @@ class _Pass:
             rest = state.root - back @ decayed
             root = lower_root(np.concatenate([rest, back * growth, back @ after.root], axis=1))
             smoothed.append(Gaussian(mean, root))
-        model = self.points[0].model
+        model, varies = self.points[0].model, self._state.growth(1.0) > 0.0
+        varies[self._state.tension] = True
         return [
-            state._replace(mean=nearest_possible(model, state)) for state in reversed(smoothed)
+            state._replace(mean=np.where(varies, nearest_possible(model, state), state.mean))
+            for state in reversed(smoothed)
         ]
 
 

@@ -18,13 +18,15 @@ UNKNOWNS = Unknowns(Walk(5.0, 1.0), tip_force=Walk.stationary(5e-3, 1.0))
 Recording = list[tuple[float, list[Measurement]]]
 
 
-def simulate(model: ArmModel, seed: int, count: int) -> tuple[Recording, np.ndarray]:
+def simulate(
+    model: ArmModel, seed: int, count: int, pulled: float = 0.5
+) -> tuple[Recording, np.ndarray]:
     rng = np.random.default_rng(seed)
     state, recording, states = model.state, [], []
     x = state.prior_stddev() * rng.normal(size=state.size)
     for step in range(count):
         x = state.decay(0.1) * x + state.growth(0.1) * rng.normal(size=state.size)
-        x[state.tension] = TENSIONS + 0.5 + 0.2 * np.sin(step + np.arange(4))
+        x[state.tension] = np.maximum(TENSIONS + pulled + 0.2 * np.sin(step + np.arange(4)), 0.0)
         shape = Prediction(model, x, None).solved
         data: list[Measurement] = [Tensions(x[state.tension] + 5e-3 * rng.normal(size=4), 5e-3)]
         if step % 3 == 0:
@@ -90,6 +92,17 @@ def test_smoothed_states_are_the_optimum_of_the_cost():
         slope = (cost(first + 0.1 * move) - cost(first - 0.1 * move)) / 0.2
         assert abs(slope) < 1.0
         assert cost(first + move) > smallest
+
+
+@pytest.mark.parametrize('pulled', [0.5, -0.4])
+def test_constants_are_the_same_at_all_times_whether_or_not_tendons_are_slack(pulled):
+    """The cost of changes holds no constant: courses with several values cost too little."""
+    model = rubber(Unknowns(Walk(5.0, 5.0), tension_bias=Walk(0.05), log_modulus=Walk(0.1)))
+    recording, states = simulate(model, 1, 8, pulled)
+    assert (states[:, model.state.tension] == 0.0).any() == (pulled < 0.0)
+    means = np.array([estimate.mean for estimate in smooth(model, recording)])
+    assert (np.ptp(means[:, model.state.tension.stop :], axis=0) < 1e-7).all()
+    assert (means[:, model.state.tension] >= 0.0).all()
 
 
 @pytest.mark.parametrize(
