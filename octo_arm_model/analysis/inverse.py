@@ -31,15 +31,7 @@ _STIFFNESS_STEP = 1e-4  # step of a tension over its bound for the derivative of
 
 
 class _Met(Exception):
-    """The target is met, and the search ends.
-
-    Attributes:
-        part: tensions over their bounds that meet the target.
-    """
-
-    def __init__(self, part: FloatArray) -> None:
-        super().__init__()
-        self.part = part
+    """The target is met by the argument, tensions over their bounds, and the search ends."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +206,7 @@ class _Search:
                 max_nfev=60,
             ).x
         except _Met as met:
-            last = met.part
+            last = np.asarray(met.args[0])
         # The method stays off the bounds, so tensions below 1e-6 of their bound are set to zero.
         rounded = np.where(last < 1e-6, 0.0, last)
         is_near = self.distance(rounded) <= self.distance(last) + 1e-9 * self._solver.arm.length

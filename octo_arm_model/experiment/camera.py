@@ -312,12 +312,12 @@ def aligned(
     fractions = marker_fractions or [
         np.linspace(0.0, 1.0, len(line)) if len(line) > 1 else np.ones(1) for line in lines
     ]
-    kept = np.ones(len(points), dtype=bool)
+    kept, rounding = np.ones(len(points), dtype=bool), 1e-9 * curves[0].lengths[-1]
     for _ in range(_FITS):
         targets = np.concatenate(list(map(Curve.along, curves, fractions)))
         alignment = align(points[kept], targets[kept])
         distances = np.linalg.norm(alignment.to_base(points) - targets, axis=1)
-        kept = distances <= _OUTLYING * np.median(distances)
+        kept = distances <= _OUTLYING * np.median(distances) + rounding
         if not marker_fractions:
             fractions = [
                 np.append(curve.nearest(alignment.to_base(line[:-1]))[1], 1.0)

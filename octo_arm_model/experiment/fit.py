@@ -45,8 +45,13 @@ _ROUNDS = 10
 _SETTLED = 1e-2  # relative change of the scale below which rounds end
 _TOLERANCE = 1e-8  # relative change of the sum of squares below which steps end
 _EVALUATIONS = 100
+_EXACT = 1e-9  # norm of residuals over the length that is rounding, where steps end too
 _STEP = 1e-4  # step of differences over the scale of an unknown
 _NO_ANSWER = (SolveError, TensionError, ArmDefinitionError)
+
+
+class _ExactFit(Exception):
+    """The residuals at the argument are rounding, and the search ends."""
 
 
 class SolvedSteps(NamedTuple):
@@ -233,26 +238,32 @@ class Problem:
 
         def fun(x: FloatArray) -> FloatArray:
             try:
-                return np.concatenate(self.weighed(x)).ravel()
+                away = np.concatenate(self.weighed(x)).ravel()
             except _NO_ANSWER:
                 # Infinite residuals make the optimiser shorten a step without a solution.
                 return np.full(size, np.inf)
+            if np.linalg.norm(away) <= _EXACT * self.length:
+                raise _ExactFit(x.copy())
+            return away
 
         low, high = self.unknowns.bounds
-        result = least_squares(
-            fun,
-            np.clip(x, low, high),
-            lambda x: np.concatenate(self.jacobian(x)).reshape(-1, x.size),
-            bounds=(low, high),
-            method='trf',
-            x_scale=[u.scale for u in self.unknowns.unknowns],
-            loss='linear' if scale is None else _soft_loss,
-            f_scale=1.0 if scale is None else scale,
-            ftol=_TOLERANCE,
-            xtol=_TOLERANCE,
-            gtol=None,
-            max_nfev=_EVALUATIONS,
-        )
+        try:
+            result = least_squares(
+                fun,
+                np.clip(x, low, high),
+                lambda x: np.concatenate(self.jacobian(x)).reshape(-1, x.size),
+                bounds=(low, high),
+                method='trf',
+                x_scale=[u.scale for u in self.unknowns.unknowns],
+                loss='linear' if scale is None else _soft_loss,
+                f_scale=1.0 if scale is None else scale,
+                ftol=_TOLERANCE,
+                xtol=_TOLERANCE,
+                gtol=None,
+                max_nfev=_EVALUATIONS,
+            )
+        except _ExactFit as exact:
+            return np.asarray(exact.args[0])
         if result.status <= 0:
             raise ConvergenceError(
                 f'the fit of {self.unknowns.model}', float(result.optimality), int(result.nfev)

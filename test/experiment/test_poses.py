@@ -114,6 +114,18 @@ def test_points_of_a_row_without_tensions_count_for_no_other_row(tmp_path, cli):
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
 
+@pytest.mark.parametrize('pulls', [(1.0, 1.0, 1.0), (1.0, 2.0, 3.0)])
+def test_exact_tips_are_compared_with_the_camera_aligned(pulls, tmp_path, cli):
+    tensions = np.outer(pulls, [1.0, 0.0, 0.0, 0.0])
+    tips = CONFIG.solver().solve(tensions.reshape(-1, *CONFIG.arm.tension_shape)).tip
+    rows = np.column_stack([tensions, tips]).tolist()
+    head = ','.join([*CONFIG.arm.tendon_names, *'xyz'])
+    table = tmp_path / 'poses.csv'
+    table.write_text('\n'.join([head, *(','.join(map(repr, row)) for row in rows)]))
+    said = cli.json('compare', '--pose-csv', table, *ARM[:4], '--json')
+    assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
+
+
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
