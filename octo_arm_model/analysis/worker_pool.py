@@ -12,6 +12,7 @@ from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import NamedTuple
 
 import numpy as np
@@ -125,13 +126,14 @@ def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Re
     # A fork of a process with threads, such as those of BLAS or ROS, may deadlock; spawn does not.
     context = multiprocessing.get_context('spawn')
     lifeline, held = context.Pipe(duplex=False)
-    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, context, _start_worker, (pickled, lifeline))
+    others, workers = set(multiprocessing.active_children()), set[BaseProcess]()
     try:
         with _no_interrupts():
             futures = {
                 pool.submit(_solve_pickled, part, pickled): i for i, part in enumerate(chunks)
             }
+        workers = set(multiprocessing.active_children()) - others
         for future in as_completed(futures):
             yield futures[future], future.result()
     except BrokenProcessPool as error:
@@ -139,9 +141,11 @@ def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Re
             'a worker process ended before its work did: out of memory, or a script without '
             "if __name__ == '__main__': around what it runs; processes=1 starts none"
         ) from error
-    finally:
-        for worker in set(multiprocessing.active_children()) - others:
+    except BaseException:
+        for worker in workers:
             worker.terminate()
+        raise
+    finally:
         pool.shutdown(cancel_futures=True)
         held.close()
         lifeline.close()
