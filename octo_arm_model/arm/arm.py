@@ -96,7 +96,7 @@ class Arm:
         check_size(len(self.sections), sum(len(section.tendons) for section in self.sections))
         self._check_profiles()
         before = math.inf
-        for number, section in enumerate(self.sections):
+        for number, section in enumerate(self.sections, start=1):
             self._check_section(f'sections[{number}]', section, before)
             before = section.anchorage
         self._check_rest()
@@ -173,7 +173,7 @@ class Arm:
             # The ends first, with the names of their parameters: they bound a straight tendon.
             self._check_inside(f'{where}.offset_base', section.tendons[0], np.zeros(1))
             self._check_inside(f'{where}.offset_anchorage', section.tendons[0], np.array([end]))
-        for index, tendon in enumerate(section.tendons):
+        for index, tendon in enumerate(section.tendons, start=1):
             s = _places(tendon.knots + self.body.knots, end)
             self._check_inside(f'{where}.tendons[{index}].offset', tendon, s)
 

@@ -170,7 +170,7 @@ class RoutedSection:
         set_fields(self, anchorage=anchorage, tendons=tuple(self.tendons))
         if not self.tendons:
             raise ArmDefinitionError('section.tendons', self.tendons, 'at least one tendon')
-        for number, tendon in enumerate(self.tendons):
+        for number, tendon in enumerate(self.tendons, start=1):
             check_class(f'section.tendons[{number}]', tendon, Tendon)
             tendon.offset.cover(f'section.tendons[{number}].offset', anchorage)
             tendon.angle.cover(f'section.tendons[{number}].angle', anchorage)

@@ -243,24 +243,24 @@ def test_tables_are_bounded_and_numeric():
             lambda: Config.from_parameters(DEGREES),
             'tendons.angle[1] is 90.0, expected a finite angle within 2 pi of zero, in radians',
         ),
-        (lambda: arm_of((0.41, 0.0, 0.0)), 'sections[0].anchorage is 0.41, expected at most the'),
+        (lambda: arm_of((0.41, 0.0, 0.0)), 'sections[1].anchorage is 0.41, expected at most the'),
         (
             lambda: arm_of((0.2, 0.0, 0.0), (0.4, 0.0, 0.0)),
-            'sections[1].anchorage is 0.4, expected less than that of the section before it, '
+            'sections[2].anchorage is 0.4, expected less than that of the section before it, '
             '0.2 [m]: sections are listed from the tip to the base',
         ),
         (
             lambda: arm_of((0.2, 0, 0), (0.2, 0, 0)),
-            'sections[1].anchorage is 0.2, expected less t',
+            'sections[2].anchorage is 0.2, expected less t',
         ),
         (
             lambda: arm_of((0.4, 0.0, 0.0), (0.2, 0.0201, 0.0)),
-            'sections[1].offset_base is 0.0201, expected at most the radius of the body at '
+            'sections[2].offset_base is 0.0201, expected at most the radius of the body at '
             's = 0.0 m, 0.02 [m]',
         ),
         (
             lambda: arm_of((0.2, 0.0, 0.0151)),
-            'sections[0].offset_anchorage is 0.0151, expected at most the radius of the body at '
+            'sections[1].offset_anchorage is 0.0151, expected at most the radius of the body at '
             's = 0.2 m, 0.015 [m]',
         ),
         (lambda: named_arm('AB'), "tendon_names is ['A', 'B'], expected 4 names, one per tendon"),
@@ -300,7 +300,7 @@ def test_tables_are_bounded_and_numeric():
         (lambda: Arm(MATERIAL, 0.4, ()), 'body is 0.4, expected an instance of Body'),
         (lambda: ProfiledBody(0.4, 0.01), 'body.profile is 0.01, expected an instance of Profile'),
         (lambda: Tendon(0.01, 0.0), 'tendon.offset is 0.01, expected an instance of Profile'),
-        (lambda: RoutedSection(0.3, (0.01,)), 'section.tendons[0] is 0.01, expected an instance'),
+        (lambda: RoutedSection(0.3, (0.01,)), 'section.tendons[1] is 0.01, expected an instance'),
         (lambda: Section(0.3, 0.0, 0.0, 1.0), 'section.angles is 1.0, expected an instance of It'),
         (lambda: Constant('1'), "constant is '1', expected a finite number"),
         (lambda: Linear(0.0, None, 1.0), 'linear.stop is None, expected a finite number'),

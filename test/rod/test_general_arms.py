@@ -391,17 +391,17 @@ def test_papers_models_refuse_discs_and_sheaths(table4, model):
         (lambda: RoutedSection(0.3, ()), 'section.tendons is (), expected at least one tendon'),
         (
             lambda: RoutedSection(0.3, (Tendon(Table((0.0, 0.2), (0.0, 0.0)), Constant(0.0)),)),
-            'last s of section.tendons[0].offset is 0.2, expected at least 0.3 [m]',
+            'last s of section.tendons[1].offset is 0.2, expected at least 0.3 [m]',
         ),
         (
             lambda: Arm(
                 SOFT, CONE, (RoutedSection(0.3, (Tendon(Constant(0.007), Constant(0.0)),)),)
             ),
-            'sections[0].tendons[0].offset is 0.007, expected at most the radius of the bod',
+            'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod',
         ),
         (
             lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
-            'sections[0].offset_base is 0.021, expected at most the radius of the discs',
+            'sections[1].offset_base is 0.021, expected at most the radius of the discs',
         ),
         (
             lambda: dataclasses.replace(TUBE, body=Body(LENGTH, 1e-3, 5e-4, 0.01, 8e-4)),
@@ -410,7 +410,7 @@ def test_papers_models_refuse_discs_and_sheaths(table4, model):
         (lambda: RectangularBody(LENGTH, 0.0, 1e-3), 'body.width is 0.0, expected a finite num'),
         (
             lambda: dataclasses.replace(STRIP, body=RectangularBody(LENGTH, 0.1, 0.01)),
-            'sections[0].tendons[1].offset is 0.008, expected such that the tendon is within the',
+            'sections[1].tendons[2].offset is 0.008, expected such that the tendon is within the',
         ),
         (lambda: GivenStiffness(axial=-1.0), 'stiffness.axial is -1.0, expected a finite stiffn'),
         (

@@ -187,7 +187,7 @@ def test_parameters_are_described_with_their_unit_and_range(client):
     ('values', 'reason'),
     [
         ({'model': 'octopus'}, "model is 'octopus', expected one of renda2012"),
-        ({'body__length': 0.2}, 'sections[0].anchorage is 0.45, expected at most the length'),
+        ({'body__length': 0.2}, 'sections[1].anchorage is 0.45, expected at most the length'),
         ({'stations': 51, 'body__length': -1.0}, 'body.length is -1.0, expected a finite number'),
         (
             {'body__radius_tip': 1e-12, 'sections__offset_anchorage': [0.0, 0.0035, 0.006]},

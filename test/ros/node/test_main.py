@@ -70,7 +70,7 @@ node.run('stuck', Stuck)
     [
         ('length: 0.45', 'length: -1.0', 'body.length is -1.0, expected a finite number > 0 [m]'),
         ('0.45, 0.315', 'here, 0.315', 'expected a list of values of one type'),
-        ('0.45, 0.315', '1, 0.315', 'sections[0].anchorage is 1.0, expected at most the length'),
+        ('0.45, 0.315', '1, 0.315', 'sections[1].anchorage is 1.0, expected at most the length'),
         ('stations: 101', 'stations: []', 'stations is [], expected integer'),
         ('stations: 101', 'tendon_names: [1, 2]', 'tendon_names is [1, 2], expected string[]'),
         ('stations: 101', 'use_sim_time: 5', 'use_sim_time'),
@@ -240,7 +240,7 @@ def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):
     with live_nodes.hosting(node.ManagedOctoArmNode, files=files) as client:
         assert not client.transition(Transition.TRANSITION_CONFIGURE)
         assert client.change(body__length=0.45) == (True, '')
-        client.log('not configured: sections[0].anchorage is 0.45')
+        client.log('not configured: sections[1].anchorage is 0.45')
         assert client.transition(Transition.TRANSITION_CONFIGURE)
 
 
