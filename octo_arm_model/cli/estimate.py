@@ -19,7 +19,12 @@ from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
 from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.estimation.estimator import EstimatorOutput
-from octo_arm_model.estimation.settings import CONTACTS, ESTIMATOR_PARAMETERS, PREFIX, TRUST
+from octo_arm_model.estimation.settings import (
+    CONTACTS,
+    ESTIMATOR_PARAMETERS,
+    PREFIX,
+    RECORDING_DEFAULTS,
+)
 from octo_arm_model.estimation.unknowns import Unknowns
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, MEASUREMENT_TOPICS, TIP_POSE
 from octo_arm_model.wire.tensions import DISPLACEMENTS
@@ -82,7 +87,7 @@ def _add_estimator(parser: argparse.ArgumentParser) -> None:
     for row in _offered():
         name = row.name.removeprefix(PREFIX)
         group = sensors if name.startswith(_SENSORS) else unknown
-        shown = 'none' if row.is_array else f'{TRUST.get(row.name, row.default):g}'
+        shown = 'none' if row.is_array else f'{RECORDING_DEFAULTS.get(row.name, row.default):g}'
         group.add_argument(
             _option(name),
             dest=row.name,

@@ -27,7 +27,7 @@ CELL_FAULT, SENSOR_FAULT = 0.1, 0.005
 TURNED = 2.0  # angle by which a tendon turns up to a section whose friction is average [rad]
 PREFIX = 'estimator.'
 # In a recording a force is significant only where no faulty sensor may explain it.
-TRUST = {f'{PREFIX}cell_fault': 0.0, f'{PREFIX}sensor_fault': 0.0}
+RECORDING_DEFAULTS = {f'{PREFIX}cell_fault': 0.0, f'{PREFIX}sensor_fault': 0.0}
 # The only contact with which a parameter has an effect.
 _OF_CONTACT = {'moment_stddev': 'tip', 'current_stddev': 'current', 'change_time': 'somewhere'}
 _TENSION = 0.02  # noise of load cells if neither the arm nor the recording states one [N]

@@ -45,13 +45,9 @@ _ROUNDS = 10
 _SETTLED = 1e-2  # relative change of the scale below which rounds end
 _TOLERANCE = 1e-8  # relative change of the sum of squares below which steps end
 _EVALUATIONS = 100
-_EXACT = 1e-9  # norm of residuals over the length that is rounding, where steps end too
+_EXACT = 1e-9  # norm of residuals over the length that is rounding
 _STEP = 1e-4  # step of differences over the scale of an unknown
 _NO_ANSWER = (SolveError, TensionError, ArmDefinitionError)
-
-
-class _ExactFit(Exception):
-    """The residuals at the argument are rounding, and the search ends."""
 
 
 class SolvedSteps(NamedTuple):
@@ -234,36 +230,32 @@ class Problem:
             ConvergenceError: if no minimum is found.
         """
         # No solution at the start is an error, while a later one is a rejected trial.
-        size = sum(part.size for part in self.weighed(x))
+        first = np.concatenate(self.weighed(x))
+        if np.linalg.norm(first) <= _EXACT * self.length:
+            return x  # changes of rounding are not small relative to it
 
         def fun(x: FloatArray) -> FloatArray:
             try:
-                away = np.concatenate(self.weighed(x)).ravel()
+                return np.concatenate(self.weighed(x)).ravel()
             except _NO_ANSWER:
                 # Infinite residuals make the optimiser shorten a step without a solution.
-                return np.full(size, np.inf)
-            if np.linalg.norm(away) <= _EXACT * self.length:
-                raise _ExactFit(x.copy())
-            return away
+                return np.full(first.size, np.inf)
 
         low, high = self.unknowns.bounds
-        try:
-            result = least_squares(
-                fun,
-                np.clip(x, low, high),
-                lambda x: np.concatenate(self.jacobian(x)).reshape(-1, x.size),
-                bounds=(low, high),
-                method='trf',
-                x_scale=[u.scale for u in self.unknowns.unknowns],
-                loss='linear' if scale is None else _soft_loss,
-                f_scale=1.0 if scale is None else scale,
-                ftol=_TOLERANCE,
-                xtol=_TOLERANCE,
-                gtol=None,
-                max_nfev=_EVALUATIONS,
-            )
-        except _ExactFit as exact:
-            return np.asarray(exact.args[0])
+        result = least_squares(
+            fun,
+            np.clip(x, low, high),
+            lambda x: np.concatenate(self.jacobian(x)).reshape(-1, x.size),
+            bounds=(low, high),
+            method='trf',
+            x_scale=[u.scale for u in self.unknowns.unknowns],
+            loss='linear' if scale is None else _soft_loss,
+            f_scale=1.0 if scale is None else scale,
+            ftol=_TOLERANCE,
+            xtol=_TOLERANCE,
+            gtol=None,
+            max_nfev=_EVALUATIONS,
+        )
         if result.status <= 0:
             raise ConvergenceError(
                 f'the fit of {self.unknowns.model}', float(result.optimality), int(result.nfev)

@@ -20,7 +20,12 @@ from octo_arm_model.bags.sensor_topics import (
 from octo_arm_model.bags.topics import MIDLINE, describe, in_namespace, sensed_by, usual_topics
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.model import PATIENT, ArmModel
-from octo_arm_model.estimation.settings import PREFIX, TRUST, EstimatorSettings, TensionStatistics
+from octo_arm_model.estimation.settings import (
+    PREFIX,
+    RECORDING_DEFAULTS,
+    EstimatorSettings,
+    TensionStatistics,
+)
 from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics, notes_on
 from octo_arm_model.experiment.camera import Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
@@ -121,7 +126,7 @@ def read_sensor_recording(
     tensions = read_tension_rows(reader, sensors, config, refusals, count.add)
     time = np.asarray(1e-9 * (tensions.stamps_ns - tensions.stamps_ns[:1]), np.float64)
     recorded = tension_statistics(time, tensions.rows) if len(time) else None
-    settings = EstimatorSettings.from_parameters(TRUST | own, config, recorded)
+    settings = EstimatorSettings.from_parameters(RECORDING_DEFAULTS | own, config, recorded)
     models = settings.models(config, budget=PATIENT)
     turned: set[str] = set()  # frames that are not base_frame, which have the pose given
 

@@ -101,15 +101,19 @@ def test_each_frame_is_that_of_the_pose_of_its_stamp(spacing, late, tmp_path, cl
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
 
+def compared(tmp_path, cli, rows, *options):
+    """Return what is said of a table of poses: time, tensions and tip in each of ``rows``."""
+    table = tmp_path / 'poses.csv'
+    head = ','.join(['time', *CONFIG.arm.tendon_names, *'xyz'])
+    np.savetxt(table, rows, '%.17g', ',', header=head, comments='')
+    return cli.json('compare', '--pose-csv', table, *options, '--json')
+
+
 def test_points_of_a_row_without_tensions_count_for_no_other_row(tmp_path, cli):
     tensions = random_poses(6, 3)
     tips = CONFIG.solver().solve(tensions.reshape(-1, *CONFIG.arm.tension_shape)).tip
-    rows = np.column_stack([[0.0, 0.05, 1.0], tensions, tips]).tolist()
-    rows[1][1] = -1.0
-    table = tmp_path / 'poses.csv'
-    head = ','.join(['time', *CONFIG.arm.tendon_names, *'xyz'])
-    table.write_text('\n'.join([head, *(','.join(map(repr, row)) for row in rows)]))
-    said = cli.json('compare', '--pose-csv', table, *ARM, '--json')
+    tensions[1, 0] = -1.0
+    said = compared(tmp_path, cli, np.column_stack([[0.0, 0.05, 1.0], tensions, tips]), *ARM)
     assert [step['frames'] for step in said['steps']] == [1, 1]
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
@@ -118,11 +122,8 @@ def test_points_of_a_row_without_tensions_count_for_no_other_row(tmp_path, cli):
 def test_exact_tips_are_compared_with_the_camera_aligned(pulls, tmp_path, cli):
     tensions = np.outer(pulls, [1.0, 0.0, 0.0, 0.0])
     tips = CONFIG.solver().solve(tensions.reshape(-1, *CONFIG.arm.tension_shape)).tip
-    rows = np.column_stack([tensions, tips]).tolist()
-    head = ','.join([*CONFIG.arm.tendon_names, *'xyz'])
-    table = tmp_path / 'poses.csv'
-    table.write_text('\n'.join([head, *(','.join(map(repr, row)) for row in rows)]))
-    said = cli.json('compare', '--pose-csv', table, *ARM[:4], '--json')
+    rows = np.column_stack([np.arange(3.0), tensions, tips])
+    said = compared(tmp_path, cli, rows, *ARM[:4])
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
 
