@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -96,6 +97,27 @@ def rod_of(name: str, loads: Loads = EVERYTHING, compiled: bool = False) -> Rod:
     """Return the rod of a case of `CASES`."""
     arm, setting = CASES[name]
     return Rod(arm, loads, setting=setting._replace(compiled=compiled))
+
+
+def mapped(loads: Loads, change: Callable[[FloatArray], FloatArray]) -> Loads:
+    """Return ``loads`` with ``change`` applied to each vector."""
+
+    def map_(vector: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(change(np.array(vector)).tolist())
+
+    return Loads(
+        map_(loads.gravity),
+        loads.fluid_density,
+        map_(loads.tip_force),
+        map_(loads.tip_moment),
+        tuple(PointLoad(load.s, map_(load.force), map_(load.moment)) for load in loads.points),
+        tuple(DistributedLoad(load.s, tuple(map(map_, load.force))) for load in loads.distributed),
+    )
+
+
+def scaled(loads: Loads, factor: float) -> Loads:
+    """Return ``loads`` times a ``factor``."""
+    return mapped(loads, lambda vector: factor * vector)
 
 
 def twists_at(s: FloatArray, strains: int) -> FloatArray:

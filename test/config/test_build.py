@@ -62,6 +62,7 @@ def test_readings_of_wrong_shape_are_refused(wrong):
         ('tension_offset', 12 * [np.nan], ArmDefinitionError, r'tension_offset\[0\] is nan'),
         ('displacement_scale', [0.0], ArmDefinitionError, 'is 0.0, expected a .* other than 0'),
         ('tension_scale', 11 * [1.0], ConfigError, 'tension_scale has 11 values, expected 12'),
+        ('tendon_limits', [1.0, 2.0], ConfigError, 'tendon_limits has 2 values, expected 12'),
     ],
 )
 def test_invalid_calibrations_are_refused(name, value, kind, message):

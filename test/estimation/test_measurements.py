@@ -38,39 +38,53 @@ MEASUREMENTS: dict[str, Callable[[], Measurement]] = {
 }
 
 
+VALUES = {
+    'tension': TENSIONS,
+    'tension_bias': [0.1, -0.05, 0.02, 0.0],
+    'tip_force': [0.004, -0.003, 0.006],
+    'tip_moment': [1e-4, 2e-4, -1e-4],
+    'point_forces': [0.005, 0.008, -0.004],
+    'current': [0.2, -0.3, 0.5],
+    'log_modulus': [0.1],
+    'tension_loss': [0.02, 0.1, 0.0, 0.05],
+}
+
+
 def state_of(model: ArmModel) -> np.ndarray:
     """Return a state without zeros."""
-    state = model.state
-    x = np.empty(state.size)
-    x[state.tension], x[state.tension_bias] = TENSIONS, [0.1, -0.05, 0.02, 0.0]
-    x[state.tip_force], x[state.tip_moment] = [0.004, -0.003, 0.006], [1e-4, 2e-4, -1e-4]
-    x[state.point_forces], x[state.current] = [0.005, 0.008, -0.004], [0.2, -0.3, 0.5]
-    x[state.log_modulus] = 0.1
+    x = np.empty(model.state.size)
+    for name, value in VALUES.items():
+        place = getattr(model.state, name)
+        x[place] = value[: place.stop - place.start]
     return x
 
 
-@pytest.mark.parametrize('name', MEASUREMENTS)
-def test_derivatives_by_the_state_equal_finite_differences(name):
-    model, item = rubber(EVERYTHING, loads=WEIGHT), MEASUREMENTS[name]()
-    x = state_of(model)
-    truth = Prediction(model, x, None)
-    scale = model.state.prior_stddev()
-    steps = 1e-2 * np.minimum(scale, 1.0)
-    analytic = item.jacobian(truth) * scale
-    numeric = jacobian(lambda y: item.innovation(Prediction(model, y, truth.solved)), x, steps)
-    expected = -numeric * scale
+ELASTIC = dataclasses.replace(
+    RUBBER, axial_stiffness=(200.0, 300.0, 0.0, 100.0), free_length=(0.1, 0.2, 0.3, 0.0)
+)
+AT_TIP = Unknowns(Walk(5.0), tip_force=LIKELY)
+PAPERS = Unknowns(Walk(5.0), log_modulus=Walk(0.05))
+
+
+@pytest.mark.parametrize(
+    ('model', 'name'),
+    [
+        *((rubber(EVERYTHING, loads=WEIGHT), name) for name in MEASUREMENTS),
+        *((rubber(PAPERS, model), 'tip pose') for model in ('closed_form', 'renda2012')),
+        (ArmModel(ELASTIC, AT_TIP, stations=31), 'displacements'),
+    ],
+    ids=[*MEASUREMENTS, 'closed_form', 'renda2012', 'elastic tendons'],
+)
+def test_derivatives_by_the_state_equal_finite_differences(model, name):
+    item, scale = MEASUREMENTS[name](), model.state.prior_stddev()
+    truth = Prediction(model, state_of(model), None)
+    numeric = jacobian(
+        lambda y: item.innovation(Prediction(model, y, truth.solved)),
+        truth.x,
+        1e-2 * np.minimum(scale, 1.0),
+    )
+    analytic, expected = item.jacobian(truth) * scale, -numeric * scale
     np.testing.assert_allclose(analytic, expected, atol=1e-5 * np.abs(expected).max(), rtol=0)
-
-
-@pytest.mark.parametrize('model', ['closed_form', 'renda2012'])
-def test_derivatives_with_the_papers_models_equal_finite_differences(model):
-    arm_model = rubber(Unknowns(Walk(5.0), log_modulus=Walk(0.05)), model)
-    x = np.append(TENSIONS, 0.1)
-    truth = Prediction(arm_model, x, None)
-    item = MEASUREMENTS['tip pose']()
-    expected = -jacobian(lambda y: item.innovation(Prediction(arm_model, y, None)), x, 1e-3)
-    scale = np.abs(expected).max()
-    np.testing.assert_allclose(item.jacobian(truth), expected, atol=1e-6 * scale, rtol=0)
 
 
 def test_state_changes_modulus_loads_and_tensions_of_the_solver():
@@ -153,22 +167,12 @@ def test_base_wrench_is_the_sum_of_all_loads():
 @pytest.mark.parametrize(
     ('make', 'message'),
     [
-        (lambda: TipPosition([0.0, np.nan, 0.0], 1.0), 'finite'),
         (lambda: TipPosition([0.0, 0.0, 0.0], 0.0), r'deviation of 0, expected 1e-30 to 1e\+30'),
         (lambda: TipPosition([0.0, 0.0, 0.0], 1e200), r'standard deviation of 1e\+200, expected'),
         (lambda: TipPosition(np.zeros(3), 1e-300 * np.eye(3)), 'standard deviation of 1e-150'),
         (lambda: TipPosition(np.zeros(3), np.diag([1.0, 1e300, 1.0])), r'deviation of 1e\+150'),
         (lambda: TipPosition([0.0, -1e31, 0.0], 1e-3), r'expected numbers of at most 1e\+30'),
         (lambda: TipPosition([0.0, 0.0, 0.0], [1.0, 1.0]), '3 standard deviations'),
-        (
-            lambda: TipPosition([0.0, 0.0, 0.0], -np.eye(3)),
-            'tip position: the variance of number 1 of 3 is -1, expected a positive definite',
-        ),
-        (
-            lambda: TipPosition([0.0, 0.0, 0.0], 2.0 * np.ones((3, 3)) - np.eye(3) * 1.5),
-            'some combination of its 3 numbers has a variance of ',
-        ),
-        (lambda: TipPose(np.zeros(3), [0.0, 0.0, 0.0, 2.0], 1.0), 'length 1'),
         (lambda: Markers([0.1], np.zeros((2, 3)), 1.0), '6 numbers, expected 3'),
         (lambda: Tensions([1.0], 0.1, ('no_such',)).innovation(_any()), 'unknown tendon no_such'),
         (lambda: Tensions([1.0, 2.0], 0.1).innovation(_any()), 'expected 4: one for each tendon'),
@@ -208,19 +212,12 @@ def test_arms_that_the_state_does_not_describe_are_refused():
 
 
 def test_displacements_include_the_stretch_of_tendons():
-    arm = dataclasses.replace(
-        RUBBER, axial_stiffness=(200.0, 300.0, 0.0, 100.0), free_length=(0.1, 0.2, 0.3, 0.0)
-    )
-    model = ArmModel(arm, Unknowns(Walk(5.0), tip_force=LIKELY), stations=31)
+    model = ArmModel(ELASTIC, AT_TIP, stations=31)
     truth = Prediction(model, np.append(TENSIONS, [0.004, -0.003, 0.006]), None)
-    solver = Solver(arm, 'exact', 31)
+    solver = Solver(ELASTIC, 'exact', 31)
     shape = solver.solve([TENSIONS], [0.004, -0.003, 0.006, 0.0, 0.0, 0.0])
     item = TendonDisplacements(displacements_of(solver, shape), 1e-3)
     np.testing.assert_allclose(item.innovation(truth), 0.0, atol=1e-11)
-    assert truth.model.tendon_compliance.tolist()[2] == 0.0
-    expected = -jacobian(lambda y: item.innovation(Prediction(model, y, None)), truth.x, 1e-4)
-    scale = np.abs(expected).max()
-    np.testing.assert_allclose(item.jacobian(truth), expected, atol=1e-6 * scale, rtol=0)
 
 
 def test_second_derivatives_of_the_tip_equal_finite_differences():

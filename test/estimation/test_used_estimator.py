@@ -180,6 +180,8 @@ def test_late_readings_do_not_change_since_when_a_sensor_is_refused():
             estimator.add(step * SECOND // 20, [cells, markers, tip])
     in_order, late = estimators
     assert late.refused_since == in_order.refused_since == {'tip position': 3 * SECOND // 20}
+    tip = in_order.consistency['tip position']
+    assert (tip.refused_from, tip.refused_to) == (3 * SECOND // 20, 4 * SECOND // 20)
     assert late.suspects == in_order.suspects
 
 

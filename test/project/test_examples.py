@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,15 +31,26 @@ CHECKS: dict[str, Callable[[list[float]], bool]] = {
 }
 
 
+def run(*words: object, cwd: Path = ROOT, **variables: str) -> str:
+    """Run a program of Python to its end; return what it printed."""
+    done = subprocess.run(
+        [sys.executable, *map(str, words)],
+        cwd=cwd,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        timeout=1200,
+    )
+    assert done.returncode == 0 and 'Traceback' not in done.stderr, done.stderr
+    return done.stdout
+
+
 @pytest.mark.parametrize('example', EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs(example):
-    done = subprocess.run(
-        [sys.executable, example], cwd=ROOT, capture_output=True, text=True, timeout=600
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout
-    numbers = [float(number) for number in re.findall(r'-?\d+\.\d+', done.stdout)]
-    assert CHECKS.get(example.stem, bool)(numbers), done.stdout
+    printed = run(example)
+    assert printed
+    numbers = [float(number) for number in re.findall(r'-?\d+\.\d+', printed)]
+    assert CHECKS.get(example.stem, bool)(numbers), printed
 
 
 @pytest.mark.endurance
@@ -47,16 +59,8 @@ def test_control_loop_converges():
     pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
     from live_nodes import environment, new_domain
 
-    done = subprocess.run(
-        [sys.executable, ROOT / 'examples' / '5_control_loop.py', '6'],
-        cwd=ROOT,
-        env=environment(new_domain()),
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout.splitlines()[-1].split()[3]) < 10.0  # error [mm] on a circle of 50 mm
+    printed = run(ROOT / 'examples' / '5_control_loop.py', 6, **environment(new_domain()))
+    assert float(printed.splitlines()[-1].split()[3]) < 10.0  # error [mm] on a circle of 50 mm
 
 
 FOLDER = ROOT / 'benchmarks'
@@ -72,18 +76,8 @@ def test_benchmark_runs(name, tmp_path_factory):
     if name in NEED_ROS:
         pytest.importorskip('rclpy')
     folder = tmp_path_factory.mktemp('b')
-    done = subprocess.run(
-        [sys.executable, '-W', 'error::DeprecationWarning:__main__', FOLDER / name, '--brief'],
-        cwd=folder,
-        env=dict(os.environ, TMPDIR=str(folder)),
-        capture_output=True,
-        text=True,
-        timeout=1200,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert 'Traceback' not in done.stderr
-    assert len(done.stdout.splitlines()) > 3
+    words = '-W', 'error::DeprecationWarning:__main__', FOLDER / name, '--brief'
+    assert len(run(*words, cwd=folder, TMPDIR=str(folder)).splitlines()) > 3
 
 
 @pytest.mark.endurance

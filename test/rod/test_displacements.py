@@ -149,14 +149,6 @@ def test_displacements_determine_the_tensions_of_any_arm(arm, stiffness):
     assert_allclose(actual, expected, atol=1e-9 * float(tensions.max()) + rounding)
 
 
-def test_values_without_names_are_refused(table4):
-    solver = table4.solver('exact')
-    with pytest.raises(TensionError, match='displacements are'):
-        solve_displacements(solver, [0.01])
-    with pytest.raises(TensionError, match='tensions are'):
-        solve_displacements(solver, {'tendon_1_1': 0.01}, np.zeros((3, 4)))
-
-
 @pytest.mark.parametrize('stiffness', [0.0, 500.0])
 def test_slack_tendon_among_four_is_found(table2, stiffness):
     solver = Solver(stretching(table2.arm, stiffness), 'exact')

@@ -32,6 +32,7 @@ from octo_arm_model import (
     RoutedSection,
     Section,
     Solver,
+    Sphere,
     Table,
     Tendon,
     TensionError,
@@ -286,36 +287,23 @@ def test_rest_curvature_may_vary_along_the_arm():
         assert_allclose(shape.xi, 1.0 + 2.0 * shape.s / LENGTH, atol=1e-9)
 
 
-@pytest.mark.parametrize('model', ['exact', 'closed_form'])
-def test_tendon_straightens_a_bent_rod_with_the_expected_displacement(model):
+@pytest.mark.parametrize(('model', 'discs'), [('closed_form', 0), ('exact', 0), ('exact', 5)])
+def test_tendon_straightens_a_bent_rod_with_the_expected_displacement(model, discs):
     curvature, (arm, (_, bending)) = 4.0, BENDING['tube']
-    bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature))
-    pull = bending * curvature / OFFSET
+    rest = RestShape(curvature_b=-curvature)
+    bent = dataclasses.replace(arm, rest=rest, discs=Discs.evenly(discs, LENGTH))
+    pull, angle = bending * curvature / OFFSET, curvature * LENGTH
     solver = Solver(bent, model, 21, **({'material': 'linear'} if model == 'exact' else {}))
     shape = solver.solve([[pull, 0.0, 0.0, 0.0]])
     assert np.abs(shape.k).max() < 1e-9 * curvature
     stretch = 1.0 - pull / (YOUNG * math.pi * 0.36e-6)
     assert_allclose(shape.tip, [LENGTH * stretch, 0.0, 0.0], atol=1e-12)
-    # On the outside of the bend the unloaded tendon is longer than the arm.
-    displacement = LENGTH * (1.0 + curvature * OFFSET - stretch)
-    name = bent.tendon_names[0]
+    # On the outside of the bend the unloaded tendon is longer than the arm, an arc or chords.
+    turned = 2.0 * discs * math.sin(0.5 * angle / discs) if discs else angle
+    displacement = turned * (1.0 / curvature + OFFSET) - LENGTH * stretch
     assert_allclose(displacements_of(solver, shape)[0, 0], displacement, rtol=1e-9)
-    wound = solve_displacements(solver, {name: displacement}).backbone
+    wound = solve_displacements(solver, {bent.tendon_names[0]: displacement}).backbone
     assert_allclose(wound.tensions[0], [pull, 0.0, 0.0, 0.0], rtol=1e-6, atol=1e-9)
-
-
-def test_displacement_between_discs_of_a_bent_rod_equals_the_chords():
-    curvature, count, (arm, (_, bending)) = 4.0, 5, BENDING['tube']
-    discs = Discs(tuple(np.linspace(0.0, LENGTH, count + 1)[1:].tolist()))
-    bent = dataclasses.replace(arm, rest=RestShape(curvature_b=-curvature), discs=discs)
-    pull = bending * curvature / OFFSET
-    solver = Solver(bent, 'exact', 21, material='linear')
-    shape = solver.solve([[pull, 0.0, 0.0, 0.0]])
-    assert np.abs(shape.k).max() < 1e-9 * curvature
-    half = 0.5 * curvature * LENGTH / count
-    unloaded = count * 2.0 * (1.0 / curvature + OFFSET) * math.sin(half)
-    displacement = unloaded - shape.tip[0]
-    assert_allclose(displacements_of(solver, shape)[0, 0], displacement, rtol=1e-9)
 
 
 def test_stretched_bent_rubber_has_the_curvature_of_a_ring():
@@ -359,12 +347,18 @@ def test_renda2012_refuses_arms_beyond_the_paper(arm, what):
         Solver(arm, 'renda2012')
 
 
-@pytest.mark.parametrize('model', ['renda2012', 'closed_form'])
-def test_papers_models_refuse_discs_and_sheaths(table4, model):
+def test_papers_models_refuse_discs_sheaths_and_loads(table4, papers_model):
+    arm, papers = table4.arm, Solver(table4.arm, papers_model)
     for name, value in (('discs', Discs.evenly(5, 0.45)), ('sheath_stiffness', (1e5,))):
-        arm = dataclasses.replace(table4.arm, **{name: value})
         with pytest.raises(ConfigError, match=rf'tendons\.{name} goes with model exact'):
-            Solver(arm, model)
+            Solver(dataclasses.replace(arm, **{name: value}), papers_model)
+    ball = Sphere((0.2, 0.0, 0.1), 0.05, stiffness=1e6)
+    for loads in (Loads(tip_force=(0, 0, 1)), Loads(obstacles=(ball,))):
+        with pytest.raises(ConfigError, match='no loads but the tendons: choose exact'):
+            Solver(arm, papers_model, loads=loads)
+    with pytest.raises(ConfigError, match='choose exact'):
+        papers.solve(np.zeros((3, 4)), (0, 0, 1, 0, 0, 0))
+    papers.solve(np.zeros((3, 4)), np.zeros(6))
 
 
 @pytest.mark.parametrize(

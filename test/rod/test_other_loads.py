@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from differences import along, jacobian
 from numpy.testing import assert_allclose
-from rods import EVERYTHING, HELICAL, WRENCH
+from rods import EVERYTHING, HELICAL, WRENCH, scaled
 from rods import PULL as HELICAL_PULL
 from scipy.spatial.transform import Rotation
 
@@ -135,24 +135,11 @@ EACH = (
 
 
 def with_magnitudes(magnitudes: np.ndarray) -> Loads:
-    point, weight, distributed = magnitudes
-    load = EACH[0].points[0]
-    points = PointLoad(
-        load.s, tuple(point * np.array(load.force)), tuple(point * np.array(load.moment))
-    )
-    spread = EACH[2].distributed[0]
+    point, weight, spread = (scaled(load, part) for load, part in zip(EACH, magnitudes))
     # Buoyancy in a fluid of 400 kg/m^3 reduces the weight.
-    factor = weight * (1080.0 - 400.0) / 1080.0
-    gravity = np.array(ACTING.gravity) + factor * np.array(EACH[1].gravity)
-    return Loads(
-        gravity=tuple(gravity),
-        points=(*ACTING.points, points),
-        distributed=(
-            DistributedLoad(
-                spread.s, tuple(tuple(distributed * np.array(force)) for force in spread.force)
-            ),
-        ),
-    )
+    gravity = np.array(ACTING.gravity) + np.array(weight.gravity) * (1080.0 - 400.0) / 1080.0
+    points = (*ACTING.points, *point.points)
+    return Loads(gravity=tuple(gravity), points=points, distributed=spread.distributed)
 
 
 @pytest.mark.parametrize(('law', 'shear'), [('neo_hookean', False), ('linear', True)])

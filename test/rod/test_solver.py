@@ -19,6 +19,7 @@ from octo_arm_model import (
     Body,
     Config,
     ConfigError,
+    Discs,
     LoadError,
     Loads,
     Material,
@@ -37,7 +38,7 @@ from octo_arm_model import (
 from octo_arm_model.analysis.inverse import find_tensions
 from octo_arm_model.analysis.targets import Stiffness, TipPosition
 from octo_arm_model.analysis.workspace import sample_workspace
-from octo_arm_model.arm.limits import MAX_STATIONS
+from octo_arm_model.arm.limits import MAX_STATIONS, Budget
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
 
 # Different tensions, so that all sections bend in different planes.
@@ -163,13 +164,6 @@ def test_base_pose_moves_the_shape_rigidly(table4, model):
     assert_allclose(after.k, before.k, atol=1e-12)
 
 
-def test_presets_have_the_base_of_section_6_of_the_paper(preset):
-    backbone = preset.solver().solve(np.zeros(preset.arm.tension_shape))
-    assert_array_equal(backbone.position[0], 0.0)
-    t, n, b = Rotation.from_quat(backbone.quaternion[0]).as_matrix().T
-    assert_allclose([t, n, b], [[1, 0, 0], [0, -1, 0], [0, 0, -1]], atol=1e-12)
-
-
 @pytest.mark.parametrize('lead', [(1,), (2, 1, 2), (70,)])
 def test_batch_equals_single_solves(table4, model, lead):
     solver = table4.solver(model)
@@ -266,12 +260,6 @@ def test_invalid_tensions_are_refused(table4, tensions, message):
         table4.solver('closed_form').solve(tensions)
 
 
-def test_sensitivity_of_a_batch_is_refused(table4):
-    solver = table4.solver('exact')
-    with pytest.raises(ConfigError, match='that of a batch, expected a single solution'):
-        solver.sensitivity(solver.solve(np.zeros((2, 3, 4))))
-
-
 def test_error_of_a_fully_compressed_arm_names_the_place(prototype, papers_model):
     # Four equal tensions: q = -4 T / EA, largest at the tip, where EA = 18.92 N.
     axial = 1.1e5 * math.pi * 0.0074**2
@@ -320,77 +308,49 @@ def test_booleans_are_refused_as_numbers(table4):
 def test_arguments_of_other_classes_are_refused(table4):
     arm, solver = table4.arm, table4.solver('exact', 11)
     shape = solver.solve(MIXED)
-    for build, message in (
-        (lambda: Solver(table4), r'arm is Config\(.*, expected an instance of Arm'),
-        (lambda: Solver(arm, ['exact']), r"model is \['exact'\], expected one of renda2012"),
-        (
-            lambda: Solver(arm, base=(0, 0, 0)),
-            r'base is \(0, 0, 0\), expected an instance of Pose',
-        ),
+    tip = TipPosition(shape.tip)
+    for build, words in (
+        (lambda: Solver(table4), 'arm is Config('),
+        (lambda: Solver(arm, ['exact']), "model is ['exact'], expected one of renda2012"),
+        (lambda: Solver(arm, base=(0, 0, 0)), 'base is (0, 0, 0), expected an instance of Pose'),
         (lambda: Solver(arm, 'exact', loads=5), 'loads is 5, expected an instance of Loads'),
-        (
-            lambda: Solver(arm, 'exact', shear='no'),
-            "material.shear is 'no', expected an inst.*bool",
-        ),
-        (
-            lambda: Solver(arm, compiled='numba'),
-            "compiled is 'numba', expected an instance of bool",
-        ),
+        (lambda: Solver(arm, 'exact', shear='no'), "material.shear is 'no', expected an instance"),
+        (lambda: Solver(arm, compiled='numba'), "compiled is 'numba', expected an instance of bo"),
         (lambda: Solver(arm, budget=5.0), 'budget is 5.0, expected an instance of Budget'),
-        (lambda: Solver(arm, material=['linear']), r"law is \['linear'\], expected one of"),
+        (lambda: Solver(arm, material=['linear']), "law is ['linear'], expected one of"),
         (lambda: Solver(arm, accuracy='1e-8'), "accuracy is '1e-8', expected a number from"),
-        (lambda: solve(arm, MIXED, base=[0, 0, 0]), r'base is \[0, 0, 0\], expected an instance'),
-        (
-            lambda: solve(arm, MIXED, stations=[11]),
-            r'stations is \[11\], expected an instance of in',
-        ),
+        (lambda: solve(arm, MIXED, base=[0, 0, 0]), 'base is [0, 0, 0], expected an instance'),
+        (lambda: solve(arm, MIXED, stations=[11]), 'stations is [11], expected an instance of in'),
         (lambda: solver.solve(None), 'tensions are None, expected numbers in rows'),
         (lambda: solver.solve(MIXED, start=5), 'backbone is 5, expected an instance of Backbone'),
-        (
-            lambda: solver.follow(MIXED, shape.tip),
-            r'last is \[.*\], expected an instance of Backbo',
-        ),
+        (lambda: solver.follow(MIXED, shape.tip), 'last is ['),
         (lambda: solver.sensitivity(None), 'backbone is None, expected an instance of Backbone'),
-        (lambda: solver.sensitivity(shape).tip_covariance(0.1), 'uncertainty is 0.1, expected'),
-        (
-            lambda: solver.tip_covariance(shape, {}),
-            r'uncertainty is \{\}, expected an instance of',
-        ),
-        (
-            lambda: solver.sensitivity_to_loads(shape, []),
-            r'loads are \[\], expected a list of Loads',
-        ),
-        (
-            lambda: find_tensions(arm, TipPosition(shape.tip), 1.0),
-            r'solver is Arm\(.*, expected an',
-        ),
-        (
-            lambda: find_tensions(solver, shape.tip, 1.0),
-            r'target is \[.*\], expected an instance of',
-        ),
-        (
-            lambda: find_tensions(solver, TipPosition(shape.tip), 1.0, stiffness=1),
-            'stiffness is 1,',
-        ),
+        (lambda: solver.sensitivity(shape).tip_covariance(0.1), 'uncertainty is 0.1, expected an'),
+        (lambda: solver.tip_covariance(shape, {}), 'uncertainty is {}, expected an instance of'),
+        (lambda: solver.sensitivity_to_loads(shape, []), 'loads are [], expected a list of Loads'),
+        (lambda: find_tensions(arm, tip, 1.0), 'solver is Arm('),
+        (lambda: find_tensions(solver, shape.tip, 1.0), 'target is ['),
+        (lambda: find_tensions(solver, tip, 1.0, stiffness=1), 'stiffness is 1, expected an'),
         (lambda: TipPose(shape.tip, shape.quaternion[-1], '0.1'), "per_radian is '0.1', expected"),
-        (
-            lambda: sample_workspace('table4', 1.0),
-            "config is 'table4', expected an instance of Con",
-        ),
-        (lambda: solve_displacements(arm, {}), 'solver is Arm.*, expected an instance of Solver'),
-        (
-            lambda: solve_displacements(solver, {5: 0.1}),
-            'unknown tendon 5; this arm has tendon_1_1',
-        ),
+        (lambda: sample_workspace('table4', 1.0), "config is 'table4', expected an instance of"),
+        (lambda: solve_displacements(arm, {}), 'solver is Arm('),
+        (lambda: solve_displacements(solver, [0.01]), 'displacements are'),
+        (lambda: solve_displacements(solver, {'tendon_1_1': 0.0}, MIXED), 'tensions are'),
+        (lambda: solve_displacements(solver, {5: 0.1}), 'unknown tendon 5; this arm has tendon_1'),
         (
             lambda: solve_displacements(solver, {}, {'tendon_1_1': True}),
-            'tension of tendon_1_1 is True N, expected a finite number',
+            'tension of tendon_1_1 is',
         ),
         (lambda: load_config(5), 'file or preset is 5, expected an instance of str'),
-        (lambda: Config.from_parameters([]), r'values is \[\], expected an instance of Mapping'),
+        (lambda: Config.from_parameters([]), 'values is [], expected an instance of Mapping'),
+        (lambda: Budget(seconds=0), 'solve budget: seconds is 0, expected a number > 0'),
+        (lambda: Budget(residual=1), 'solve budget: residual is 1, expected at most'),
+        (lambda: Discs.evenly(-1, 0.4), 'number of discs is -1, expected'),
+        (lambda: Discs.evenly(10**12, 0.4), 'number of discs is 1000000000000, expected at most'),
     ):
-        with pytest.raises(OctoArmError, match=message):
+        with pytest.raises(OctoArmError, match=re.escape(words)) as refusal:
             build()
+        assert ', expected ' in str(refusal.value) or 'unknown' in words
 
 
 def test_layout_and_type_of_arrays_do_not_matter(table4):

@@ -19,7 +19,7 @@ from octo_arm_model import (
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.estimation.estimate import contact_of
+from octo_arm_model.estimation.estimate import Estimate, contact_of
 from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import BaseWrench, Markers, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel, Prediction
@@ -221,32 +221,43 @@ def test_tendons_keep_their_history_where_a_push_at_the_tip_ends_or_begins():
         np.testing.assert_allclose(*tips, rtol=0.0, atol=1e-6)
 
 
+class Tracked:
+    """An arm that is pushed, and the estimator of `touched` that is told what its sensors read."""
+
+    def __init__(self, name: str, is_moving: bool) -> None:
+        values = load_parameters(name) | {'stations': 31}
+        plain = Config.from_parameters(values)
+        of_simulator, of_estimator = touched(plain, is_moving=is_moving)
+        water = in_water(plain) if is_moving else {}
+        self.simulated = SimulatorConfig.from_parameters(values | water | of_simulator)
+        own = {key: of_estimator.pop(key) for key in list(of_estimator) if 'estimator.' in key}
+        water.pop('dynamics', None)
+        self.config = Config.from_parameters(values | water | of_estimator)
+        settings = EstimatorSettings.from_parameters(own, self.config)
+        models = settings.models(self.config)
+        self.estimator = Estimator.from_settings(settings, models, settings.window)
+        self.noise, self.random = settings.noise.tension, np.random.default_rng(3)
+        self.arm, self.push = self.simulated.pushed_arm, self.simulated.push
+        self.tendons = len(self.config.arm.tendons)
+
+    def add(self, stamp: int, pull: float) -> Estimate:
+        """Return the estimate after the readings of a ``stamp`` [ns] under a ``pull`` [N]."""
+        sensors, read = self.simulated.sensors, self.random.standard_normal(self.tendons)
+        data = [
+            Tensions(np.maximum(pull + self.noise * read, 0.0), self.noise),
+            TipPosition(self.arm.tip_pose().position, sensors.tip_position_stddev),
+            Markers(sensors.marker_s, self.arm.markers(), sensors.marker_stddev),
+        ]
+        return self.estimator.add(stamp, data).estimate
+
+
 @pytest.mark.parametrize('name', PRESETS)
 def test_the_force_that_pushes_the_arm_is_found(name):
-    values = load_parameters(name) | {'stations': 31}
-    of_simulator, of_estimator = touched(Config.from_parameters(values))
-    simulated = SimulatorConfig.from_parameters(values | of_simulator)
-    own = {key: of_estimator.pop(key) for key in list(of_estimator) if 'estimator.' in key}
-    config = Config.from_parameters(values | of_estimator)
-    settings = EstimatorSettings.from_parameters(own, config)
-    tracker = Estimator.from_settings(settings, settings.models(config), settings.window)
-    arm, push, sensors = simulated.pushed_arm, simulated.push, simulated.sensors
-    tensions, random = np.full(len(config.arm.tendons), 0.1), np.random.default_rng(3)
-    errors = []
+    tracked, errors = Tracked(name, is_moving=False), []
     for step, time in enumerate((0.0, 0.2, 0.4, PERIOD / 2 + 0.1, PERIOD / 2 + 0.3, 4.0)):
-        force = push.at(time)
-        arm.advance(tensions, force)
-        pose = arm.tip_pose()
-        read = tensions + settings.noise.tension * random.standard_normal(tensions.size)
-        tracked = tracker.add(
-            step * 10**8,
-            [
-                Tensions(read, settings.noise.tension),
-                TipPosition(pose.position, sensors.tip_position_stddev),
-                Markers(sensors.marker_s, arm.markers(), sensors.marker_stddev),
-            ],
-        )
-        contact = contact_of(tracked.estimate, config.arm)
+        force = tracked.push.at(time)
+        tracked.arm.advance(np.full(tracked.tendons, 0.1), force)
+        contact = contact_of(tracked.add(step * 10**8, 0.1), tracked.config.arm)
         away, known = contact.wrench[:3] - force, contact.covariance[:3, :3]
         errors.append(away @ np.linalg.solve(known, away))
         # What pushes is seen, and nothing else is.
@@ -286,38 +297,21 @@ def test_a_profile_changes_tensions_as_slowly_as_the_estimator_expects(name):
 
 @pytest.mark.parametrize('name', ['renda2012_prototype', 'renda2012_table4'])
 def test_the_estimate_of_an_arm_that_swings_is_as_exact_as_it_says(name):
-    values = load_parameters(name) | {'stations': 31}
-    plain = Config.from_parameters(values)
-    of_simulator, of_estimator = touched(plain, is_moving=True)
-    in_motion = in_water(plain)
-    simulated = SimulatorConfig.from_parameters(values | in_motion | of_simulator)
-    del in_motion['dynamics']
-    own = {key: of_estimator.pop(key) for key in list(of_estimator) if 'estimator.' in key}
-    config = Config.from_parameters(values | in_motion | of_estimator)
-    settings = EstimatorSettings.from_parameters(own, config)
-    tracker = Estimator.from_settings(settings, settings.models(config), settings.window)
-    arm, sensors = simulated.pushed_arm, simulated.sensors
-    tensions, random = np.full(len(config.arm.tendons), 0.02), np.random.default_rng(3)
-    squares, refused, bend = [], 0, []
+    tracked = Tracked(name, is_moving=True)
+    squares, refused, tips = [], 0, []
     for step in range(50):
         # From shortly before the push begins.
-        arm.advance(tensions, simulated.push.at(0.5 * PERIOD - 0.2 + 0.04 * step), 0.04)
-        read = tensions + settings.noise.tension * random.standard_normal(tensions.size)
-        tracked = tracker.add(
-            40_000_000 * step,
-            [
-                Tensions(np.maximum(read, 0.0), settings.noise.tension),
-                TipPosition(arm.tip_pose().position, sensors.tip_position_stddev),
-                Markers(sensors.marker_s, arm.markers(), sensors.marker_stddev),
-            ],
-        )
-        refused += len(tracked.estimate.refused)
-        away = tracked.estimate.backbone.position - arm.backbone.position
-        bend.append(arm.backbone.tip)
+        force = tracked.push.at(0.5 * PERIOD - 0.2 + 0.04 * step)
+        tracked.arm.advance(np.full(tracked.tendons, 0.02), force, 0.04)
+        estimate = tracked.add(40_000_000 * step, 0.02)
+        refused += len(estimate.refused)
+        shape = tracked.arm.backbone
+        away = estimate.backbone.position - shape.position
+        tips.append(shape.tip)
         for station in (15, 30):
-            known = tracked.estimate.pose_covariance[station, :3, :3]
+            known = estimate.pose_covariance[station, :3, :3]
             squares.append(away[station] @ np.linalg.solve(known, away[station]))
-    assert np.ptp(bend, axis=0).max() > 0.05 * config.arm.length
+    assert np.ptp(tips, axis=0).max() > 0.05 * tracked.config.arm.length
     assert refused <= 2  # of 150
     assert np.mean(squares) < 1.5 * 3  # chi-square of 3
     assert np.max(squares) < 50.0
