@@ -239,7 +239,6 @@ class SimulatorNode(CheckedNode):
         self._time_ns = round(values['time_ns'].item())
         self._time.is_stopped = False
         self._push.forget()
-        self._outputs.forget()
         arm.restore(state, values['surroundings'])
 
     def _step(self, elapsed_ns: int, now: RosTime) -> None:
@@ -261,6 +260,7 @@ class SimulatorNode(CheckedNode):
             self._diagnostics.log.warn(self._lengths.topic, error)
         effective = self._drive.advance(self._set_point, elapsed)
         push_force = self._push.at(1e-9 * self._time_ns)
+        before = self._drive.hardware.state[3]
         has_moved = config.pushed_arm is not None
         self._diagnostics.counts['simulated'] += elapsed
         try:
@@ -278,7 +278,8 @@ class SimulatorNode(CheckedNode):
             self._measured.publish(self._readings_message(measured, stamp))
             self._diagnostics.counts['published'] += 1
         if has_moved:
-            self._outputs.publish(config, push_force, (before_ns, self._time_ns), stamp)
+            times_ns = before_ns, self._time_ns
+            self._outputs.publish(config, push_force, before, times_ns, stamp)
 
     def _fail(self, error: OctoArmError) -> None:
         self._diagnostics.fail(error)

@@ -58,17 +58,20 @@ class ArmPublishers:
             )
         )
         self._states, *self._shapes = others
-        self._last: tuple[float, FloatArray] | None = None
         self._described: tuple[Config, BackboneWriter] | None = None
 
-    def forget(self) -> None:
-        """Forget the last displacements, so that the next state has tendons at zero rate."""
-        self._last = None
-
     def publish(
-        self, config: SimulatorConfig, pushed: FloatArray, times_ns: tuple[int, int], stamp: Time
+        self,
+        config: SimulatorConfig,
+        pushed: FloatArray,
+        before: FloatArray,
+        times_ns: tuple[int, int],
+        stamp: Time,
     ) -> None:
-        """Publish what is due between two ``times_ns``; ``pushed`` (3,) is the push force [N]."""
+        """Publish what is due between two ``times_ns``; ``pushed`` (3,) is the push force [N].
+
+        ``before`` (tendons,) are the lengths that were reeled in at the first of the times [m].
+        """
         arm, sensors = config.pushed_arm, config.sensors
         assert arm is not None
         header = Header(stamp=stamp, frame_id=config.model.base_frame)
@@ -100,9 +103,16 @@ class ArmPublishers:
             measured[3:] += np.cross(arm.backbone.position[0], measured[:3])
             self._wrench.publish(_wrench(header, measured))
         if isinstance(arm, DynamicArm):
-            self._publish_motion(config.model, arm, header)
+            self._publish_shape(config.model, arm, header)
+            elapsed, reeled_in = 1e-9 * (times_ns[1] - times_ns[0]), arm.reeled_in()
+            # At time 0 the arm is where its first tensions hold it at rest.
+            rate = (reeled_in - before) / elapsed if arm.state.time and elapsed else 0.0 * before
+            message = JointState(header=header, name=list(config.model.arm.tendon_names))
+            message.position, message.velocity = reeled_in.tolist(), rate.tolist()
+            message.effort = arm.state.tensions.tolist()
+            self._states.publish(message)
 
-    def _publish_motion(self, config: Config, arm: DynamicArm, header: Header) -> None:
+    def _publish_shape(self, config: Config, arm: DynamicArm, header: Header) -> None:
         shape, zero = arm.backbone, np.zeros((6, 6))
         if self._described is None or self._described[0] is not config:
             writer = BackboneWriter(config.base_frame, shape.model, shape.s, shape.section)
@@ -110,15 +120,6 @@ class ArmPublishers:
         messages = self._described[1].all(shape, zero, header.stamp.sec, header.stamp.nanosec)
         for publisher, data in zip(self._shapes, messages, strict=True):
             publisher.publish(data)
-        reeled_in, time = arm.reeled_in(), arm.state.time
-        rate = np.zeros(reeled_in.size)
-        if self._last is not None and self._last[0] < time:  # the time of another arm starts at 0
-            rate = (reeled_in - self._last[1]) / (time - self._last[0])
-        self._last = time, reeled_in
-        message = JointState(header=header, name=list(config.arm.tendon_names))
-        message.position, message.velocity = reeled_in.tolist(), rate.tolist()
-        message.effort = arm.state.tensions.tolist()
-        self._states.publish(message)
 
 
 def _wrench(header: Header, values: FloatArray) -> WrenchStamped:

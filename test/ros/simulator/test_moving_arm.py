@@ -54,6 +54,7 @@ class MovingArm(RosClient):
     def __init__(self, domain, node='octo_arm_sim'):
         super().__init__(domain, node)
         self.tips = self.hear(PoseWithCovarianceStamped, 'ground_truth/tip_pose')
+        self.joints = self.hear(JointState, 'tendon_states')
         self.times = self.hear(Clock, '/clock')
         self.command = self.teller(TendonTensions, 'tendon_commands')
 
@@ -74,13 +75,14 @@ class MovingArm(RosClient):
         return answer.success, answer.message
 
     def steps(self, count):
-        """The tip after each of some steps of an arm that is paused, (count, 3) [m]."""
+        """Tip [m] and rates of the tendons [m/s] after each of some steps of a paused arm."""
         found = []
         for _ in range(count):
             self.tips.clear()
+            self.joints.clear()
             assert self.trigger('step') == (True, 'went on by one period')
-            self.wait(lambda: self.tips, 'a step')
-            found.append(self.tip())
+            self.wait(lambda: self.tips and self.joints, 'a step')
+            found.append([*self.tip(), *self.joints[-1].velocity])
         return np.array(found)
 
 
@@ -101,19 +103,18 @@ def test_an_arm_whose_steps_take_longer_than_their_time_is_diagnosed():
 
 def test_the_moving_arm_is_published_paused_stepped_and_reset():
     with moving() as client:
-        joints = client.hear(JointState, 'tendon_states')
-        client.wait(lambda: client.tips and joints, 'the arm')
+        client.wait(lambda: client.tips and client.joints, 'the arm')
         straight = client.tip()
         assert_allclose(straight, [0.27, 0.0, 0.0], atol=1e-9)
-        assert list(joints[-1].name) == NAMES
+        assert list(client.joints[-1].name) == NAMES
         expected = CONFIG.solver('exact').solve(PULL.reshape(1, 4)).tip
         client.wait(
             lambda: np.linalg.norm(client.tip() - expected) < 1e-4,
             'the equilibrium',
             lambda: client.command(name=NAMES, tension=PULL),
         )
-        assert_allclose(joints[-1].effort, PULL, atol=1e-9)
-        assert joints[-1].position[0] > 0.0
+        assert_allclose(client.joints[-1].effort, PULL, atol=1e-9)
+        assert client.joints[-1].position[0] > 0.0
         # It took its time: shapes in between were published.
         away = [np.linalg.norm(xyz(one.pose.pose.position) - straight) for one in client.tips]
         whole = np.linalg.norm(expected - straight)
@@ -133,8 +134,7 @@ def test_the_moving_arm_is_published_paused_stepped_and_reset():
 
 def test_all_of_an_arm_is_slower_than_a_clock_that_jumps():
     with moving(use_sim_time=True, rate=20.0, profile__name='ramps') as client:
-        joints = client.hear(JointState, 'tendon_states')
-        tell_time = client.clock()
+        joints, tell_time = client.joints, client.clock()
         assert 'nothing is heard on /clock' in client.status('simulator')[0].message
         for second in (5000, 10**6, 2 * 10**6):  # [s], of which it goes on by 0.1 s
             client.wait(
