@@ -120,6 +120,7 @@ def test_overrides_are_parameters_that_cannot_change_later(context):
         ('{}.publisher.depth:=5', 'depth overrides nothing'),
         ('/{}.publisher.reliability:=surely', 'surely'),
         ('/{}.publisher.depth:=many', 'depth'),
+        ('/tf.subscription.depth:=-1', 'depth'),
         ('/{}.publisher.depth:=-1', 'depth is -1, expected 0 to 100000'),
         ('/{}.publisher.depth:=100001', 'depth is 100001, expected 0 to 100000'),
         ('/{}.publisher.deadline:=-1', 'deadline is -1, expected nanoseconds >= 0'),

@@ -134,10 +134,8 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             return self._frames.pose_of(frame, config.base_frame, stamp_ns)
 
         self._measured = MeasuredArm(config, settings.noise, pose_of)
-        if previous is None or not arm.estimates_as(previous):
-            self._inputs.forget()
-            if self._estimator is not None:
-                self._reset_estimate()
+        if previous is not None and self._estimator is not None and not arm.estimates_as(previous):
+            self._reset_estimate()
         self._node.get_logger().info(
             f'{config.arm.length} m in {config.base_frame}, contact: '
             + '; '.join([', '.join(arm.models), *settings.notes])

@@ -172,7 +172,6 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
 
     def _change_arm(self, before: Prepared | None, now: Prepared) -> None:
         config, logger = now.config, self._node.get_logger()
-        self._inputs.forget()
         if before is not None:
             if problem := self._tip_wrench.change_arm(before, now):
                 logger.warning(f'tip_wrench dropped: {problem}')

@@ -106,7 +106,7 @@ class Inputs:
         for topic in list(self._open):
             self.unsubscribe(topic)
         self.work.clear()
-        self.forget()
+        self._waiting.clear()
         self._is_due = False
 
     def answer_latest(self) -> None:
@@ -156,10 +156,6 @@ class Inputs:
             self._waiting.append(_WaitingMessage(topic, read, error, time.monotonic() + LONGEST))
         except OctoArmError as error:
             self.refuse(topic, error)
-
-    def forget(self) -> None:
-        """Drop the messages that wait, because they are for another arm."""
-        self._waiting.clear()
 
     def look_again(self) -> None:
         """Queue the work of reading the waiting messages whose needs are known by now."""

@@ -1,6 +1,7 @@
 """Poses of the frames of sensors, from /tf_static and /tf."""
 
 import math
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -13,7 +14,7 @@ from rclpy.subscription import Subscription
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError, in_short
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment.transform_tree import TransformTree
-from octo_arm_model.ros.node.inputs import NotKnownYet
+from octo_arm_model.ros.node.inputs import LONGEST, NotKnownYet
 from octo_arm_model.ros.node.outputs import TF_QOS, TF_TOPIC
 from octo_arm_model.ros.start import RefusalLog
 from octo_arm_model.ros.topics import create_subscription, is_overridden, message_class
@@ -39,6 +40,7 @@ class SensorFrames:
         self._subscriptions: dict[str, Subscription] = {}
         self._tree = TransformTree()
         self._moving = set[str]()  # frames that static transforms do not lead to
+        self._complete_at = -math.inf  # time by which transforms published before have come [s]
 
     def open(self) -> None:
         """Check the QoS overrides of the topics that may be subscribed to later.
@@ -62,7 +64,8 @@ class SensorFrames:
         """Return the pose of ``frame`` in ``target`` at ``stamp_ns`` [ns].
 
         Raises:
-            NotKnownYet: if transforms lead to it, but not yet for that time.
+            NotKnownYet: if transforms lead to it, but not yet for that time, or if it has listened
+                to transforms for a short time only.
             MeasurementError: if the pose is not known.
             ConfigError: if tf2_msgs is not installed.
         """
@@ -71,7 +74,8 @@ class SensorFrames:
             return self._tree.pose(frame, target, stamp_ns)
         except MeasurementError as error:
             reason = f'its frame is {frame[:99]!r}, and {error}'
-            if self._known_until(frame, target) < stamp_ns:
+            latest = -math.inf if time.monotonic() < self._complete_at else math.inf
+            if self._known_until(frame, target, latest) < stamp_ns:
                 until = partial(self._known_until, frame, target, -math.inf)
                 raise NotKnownYet(reason, lambda: until() >= stamp_ns) from None
             raise MeasurementError(reason) from None
@@ -112,6 +116,7 @@ class SensorFrames:
 
     def _listen(self, topic: str, qos: QoSProfile) -> None:
         kind, take = message_class('tf2_msgs/msg/TFMessage'), partial(self._take, topic)
+        self._complete_at = time.monotonic() + LONGEST
         self._subscriptions[topic] = create_subscription(self._node, kind, topic, take, qos)
 
     def _take(self, topic: str, message: Any) -> None:
