@@ -63,15 +63,11 @@ class Crawl:
             CommandPublisher(node, f'arm_{number}/{topic}', config)
             for number in range(1, ARMS + 1)
         ]
-        self._began = self._due = time.monotonic()
+        self._began = time.monotonic()
 
     def step(self) -> None:
-        """Publish tensions if they are due."""
+        """Publish tensions of the present time."""
         now = time.monotonic()
-        if now < self._due:
-            return
-        # After a delay the missed tensions are skipped.
-        self._due = max(self._due + 1.0 / RATE, now)
         stamp = self._node.get_clock().now().to_msg()
         for number, publisher in enumerate(self._publishers):
             behind = self._profile.duration * number / ARMS
@@ -209,6 +205,7 @@ def _show(options: argparse.Namespace) -> int:
                 page.draw()
             line.show(lambda: describe(clients))
             now = time.monotonic()
+            # After a delay the missed tensions are skipped.
             due = max(due + 1.0 / RATE, now)
             time.sleep(due - now)
         return 0 if is_over() else fail(_PROG, ended(started), 1)

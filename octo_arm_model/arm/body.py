@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.profile import Linear, Profile, as_profile
-from octo_arm_model.arm.validation import check_class, finite, not_negative, positive, set_fields
+from octo_arm_model.arm.validation import check_class, check_fields, finite, not_negative, positive
 
 _TERMS = np.arange(1.0, 40.0, 2.0)  # of the series of the torsion constant of a rectangle
 
@@ -78,11 +78,9 @@ class GivenStiffness:
     torsion: float | Profile = 0.0
 
     def __post_init__(self) -> None:
-        for field in self.__dataclass_fields__:
-            unit, given = 'N' if field == 'axial' else 'N m^2', getattr(self, field)
-            if not isinstance(given, Profile):
-                name = f'stiffness.{field}'
-                set_fields(self, **{field: not_negative(name, given, 'stiffness', unit)})
+        checks = dict.fromkeys(vars(self), (not_negative, 'stiffness', 'N m^2'))
+        checks['axial'] = not_negative, 'stiffness', 'N'
+        check_fields(self, 'stiffness.', checks, (Profile,))
 
     @property
     def profiles(self) -> dict[str, Profile]:
@@ -109,11 +107,8 @@ class RestShape:
     torsion: float | Profile = 0.0
 
     def __post_init__(self) -> None:
-        for field in self.__dataclass_fields__:
-            given = getattr(self, field)
-            if not isinstance(given, Profile):
-                name = f'rest_{field}'
-                set_fields(self, **{field: finite(name, given, 'a finite number [1/m]')})
+        checks = dict.fromkeys(vars(self), (finite, 'a finite number [1/m]'))
+        check_fields(self, 'rest_', checks, (Profile,))
 
     @property
     def profiles(self) -> tuple[Profile, Profile, Profile]:
@@ -156,6 +151,13 @@ class RestShape:
             )
 
 
+# Checks of the sizes of all bodies.
+_SIZES = {
+    **dict.fromkeys(('length', 'radius_base', 'radius_tip', 'width', 'height'), (positive, 'm')),
+    **dict.fromkeys(('disc_radius', 'inner_radius'), (not_negative, 'radius', 'm')),
+}
+
+
 class _Outline:
     """The base class of bodies: the sizes of the outline along s, and what follows from them."""
 
@@ -163,6 +165,9 @@ class _Outline:
     length: float
     disc_radius: float
     inner_radius: float | Profile = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, 'body.', _SIZES, (Profile,))
 
     @property
     def profiles(self) -> dict[str, Profile]:
@@ -191,16 +196,6 @@ class _Outline:
             return Geometry.of_tube(self.radius(s), as_profile(self.inner_radius).value(s))
         return Geometry.of_rectangle(*(2.0 * self.half_sizes(s)))
 
-    def _check_common(self) -> None:
-        set_fields(
-            self,
-            length=positive('body.length', self.length, 'm'),
-            disc_radius=not_negative('body.disc_radius', self.disc_radius, 'radius', 'm'),
-        )
-        if self.is_round and not isinstance(self.inner_radius, Profile):
-            inner = not_negative('body.inner_radius', self.inner_radius, 'radius', 'm')
-            set_fields(self, inner_radius=inner)
-
 
 @dataclass(frozen=True)
 class Body(_Outline):
@@ -224,14 +219,6 @@ class Body(_Outline):
     radius_tip: float
     disc_radius: float = 0.0
     inner_radius: float | Profile = 0.0
-
-    def __post_init__(self) -> None:
-        self._check_common()
-        set_fields(
-            self,
-            radius_base=positive('body.radius_base', self.radius_base, 'm'),
-            radius_tip=positive('body.radius_tip', self.radius_tip, 'm'),
-        )
 
     @property
     def profiles(self) -> dict[str, Profile]:
@@ -260,7 +247,7 @@ class ProfiledBody(_Outline):
     inner_radius: float | Profile = 0.0
 
     def __post_init__(self) -> None:
-        self._check_common()
+        super().__post_init__()
         check_class('body.profile', self.profile, Profile)
         self.profile.cover('body.profile', self.length)
 
@@ -289,12 +276,6 @@ class RectangularBody(_Outline):
     height: float | Profile
     disc_radius: float = 0.0
     is_round = False
-
-    def __post_init__(self) -> None:
-        self._check_common()
-        for field in ('width', 'height'):
-            if not isinstance(given := getattr(self, field), Profile):
-                set_fields(self, **{field: positive(f'body.{field}', given, 'm')})
 
     @property
     def profiles(self) -> dict[str, Profile]:

@@ -17,7 +17,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray, Vector
 from octo_arm_model.arm.limits import MAX_OBSTACLES, MAX_POINT_LOADS, MAX_TABLE_POINTS
 from octo_arm_model.arm.obstacles import Obstacle
-from octo_arm_model.arm.validation import not_negative, set_fields, vector
+from octo_arm_model.arm.validation import check_fields, not_negative, set_fields, vector
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 BASE, TIP = TIP_FRAMES = 'base', 'tip'  # frames in which a wrench on the tip may be given
@@ -89,6 +89,14 @@ class Load(Protocol):
         """
 
 
+# Checks of a wrench on a cross section.
+_WRENCH = {
+    's': (not_negative, 'arc coordinate', 'm'),
+    'force': (vector, 'N'),
+    'moment': (vector, 'N m'),
+}
+
+
 @dataclass(frozen=True)
 class PointLoad:
     """A force and a moment on one cross section.
@@ -107,12 +115,7 @@ class PointLoad:
     moment: Vector = ZERO
 
     def __post_init__(self) -> None:
-        set_fields(
-            self,
-            s=not_negative('loads.point.s', self.s, 'arc coordinate', 'm'),
-            force=vector('loads.point.force', self.force, 'N'),
-            moment=vector('loads.point.moment', self.moment, 'N m'),
-        )
+        check_fields(self, 'loads.point.', _WRENCH)
 
 
 @dataclass
@@ -135,9 +138,7 @@ class FollowingWrench:
     moment: Vector = ZERO
 
     def __post_init__(self) -> None:
-        self.s = not_negative('loads.following.s', self.s, 'arc coordinate', 'm')
-        self.force = vector('loads.following.force', self.force, 'N')
-        self.moment = vector('loads.following.moment', self.moment, 'N m')
+        check_fields(self, 'loads.following.', _WRENCH)
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -237,18 +238,17 @@ class Loads:
     obstacles: tuple[Obstacle, ...] = ()
 
     def __post_init__(self) -> None:
-        density = self.fluid_density
-        set_fields(
-            self,
-            gravity=vector('loads.gravity', self.gravity, 'm/s^2'),
-            fluid_density=not_negative('loads.fluid_density', density, 'density', 'kg/m^3'),
-            tip_force=vector('loads.tip_force', self.tip_force, 'N'),
-            tip_moment=vector('loads.tip_moment', self.tip_moment, 'N m'),
-            points=_list_of(PointLoad, 'points', self.points),
-            distributed=_list_of(DistributedLoad, 'distributed', self.distributed),
-            others=_list_of(Load, 'others', self.others),
-            obstacles=_list_of(Obstacle, 'obstacles', self.obstacles, MAX_OBSTACLES),
-        )
+        checks = {
+            'gravity': (vector, 'm/s^2'),
+            'fluid_density': (not_negative, 'density', 'kg/m^3'),
+            'tip_force': (vector, 'N'),
+            'tip_moment': (vector, 'N m'),
+            'points': (_list_of, PointLoad),
+            'distributed': (_list_of, DistributedLoad),
+            'others': (_list_of, Load),
+            'obstacles': (_list_of, Obstacle, MAX_OBSTACLES),
+        }
+        check_fields(self, 'loads.', checks)
         if not isinstance(self.scaled, (ScaledLoads, NoneType)):
             raise ArmDefinitionError('loads.scaled', self.scaled, 'ScaledLoads or None')
 
@@ -329,14 +329,13 @@ class Loads:
 
 
 def _list_of(
-    kind: type[Any], name: str, given: object, most: int = MAX_POINT_LOADS
+    name: str, given: object, kind: type[Any], most: int = MAX_POINT_LOADS
 ) -> tuple[Any, ...]:
     loads = tuple(given) if isinstance(given, Iterable) else (None,)
     if not all(isinstance(load, kind) for load in loads):
-        raise ArmDefinitionError(f'loads.{name}', given, f'a list of {kind.__name__}')
+        raise ArmDefinitionError(name, given, f'a list of {kind.__name__}')
     if len(loads) > most:
-        expected = f'at most {most}'
-        raise ArmDefinitionError(f'number of loads.{name}', len(loads), expected)
+        raise ArmDefinitionError(f'number of {name}', len(loads), f'at most {most}')
     return loads
 
 

@@ -11,7 +11,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray, Vector
 from octo_arm_model.arm.loads import ZERO
 from octo_arm_model.arm.profile import Profile, as_profile
-from octo_arm_model.arm.validation import finite, not_negative, positive, set_fields, vector
+from octo_arm_model.arm.validation import check_fields, finite, not_negative, positive, vector
 
 
 class Law(NamedTuple):
@@ -49,16 +49,16 @@ class Material:
     density: float = 0.0
 
     def __post_init__(self) -> None:
-        young, ratio = self.youngs_modulus, self.poisson_ratio
-        if not isinstance(young, Profile):
-            young = positive('material.youngs_modulus', young, 'Pa')
-        if not isinstance(ratio, Profile):
-            expected = 'a number in (-1, 0.5] [-]'
-            ratio = finite('material.poisson_ratio', ratio, expected)
-            if not -1.0 < ratio <= 0.5:
-                raise ArmDefinitionError('material.poisson_ratio', ratio, expected)
-        density = not_negative('material.density', self.density, 'density', 'kg/m^3')
-        set_fields(self, youngs_modulus=young, poisson_ratio=ratio, density=density)
+        expected = 'a number in (-1, 0.5] [-]'
+        checks = {
+            'youngs_modulus': (positive, 'Pa'),
+            'poisson_ratio': (finite, expected),
+            'density': (not_negative, 'density', 'kg/m^3'),
+        }
+        check_fields(self, 'material.', checks, (Profile,))
+        ratio = self.poisson_ratio
+        if not isinstance(ratio, Profile) and not -1.0 < ratio <= 0.5:
+            raise ArmDefinitionError('material.poisson_ratio', ratio, expected)
 
     @classmethod
     def from_moduli(
@@ -150,12 +150,13 @@ class MotionProperties:
     current: Vector = ZERO
 
     def __post_init__(self) -> None:
-        units = {'viscosity': 'Pa s', 'damping_time': 's'}
-        units |= dict.fromkeys(WaterCoefficients._fields, '-')
-        for field, unit in units.items():
-            value = not_negative(f'motion.{field}', getattr(self, field), 'number', unit)
-            set_fields(self, **{field: value})
-        set_fields(self, current=vector('motion.current', self.current, 'm/s'))
+        checks = {
+            **dict.fromkeys(WaterCoefficients._fields, (not_negative, 'number', '-')),
+            'viscosity': (not_negative, 'number', 'Pa s'),
+            'damping_time': (not_negative, 'number', 's'),
+            'current': (vector, 'm/s'),
+        }
+        check_fields(self, 'motion.', checks)
         if self.viscosity and self.damping_time:
             expected = '0 where motion.viscosity is given'
             raise ArmDefinitionError('motion.damping_time', self.damping_time, expected)

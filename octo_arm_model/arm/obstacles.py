@@ -11,7 +11,7 @@ import numpy as np
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import BoolArray, FloatArray, Vector
 from octo_arm_model.arm.limits import MAX_FRICTION
-from octo_arm_model.arm.validation import not_negative, positive, set_fields, vector
+from octo_arm_model.arm.validation import check_fields, not_negative, positive, vector
 
 _Any = TypeVar('_Any', bound='Obstacle')
 _LEAST = 1e-12  # least distance from a centre or an axis at which there is a direction from it [m]
@@ -47,14 +47,8 @@ class Obstacle(abc.ABC):
     creep_speed: float = 1e-3
     _place: ClassVar[str] = 'point'  # name of the field with the position
 
-    def _check(self, kind: str) -> None:
-        name = f'{kind}.friction'
-        set_fields(
-            self,
-            stiffness=positive(f'{kind}.stiffness', self.stiffness, 'N/m^3'),
-            friction=not_negative(name, self.friction, 'coefficient', '-', MAX_FRICTION),
-            creep_speed=positive(f'{kind}.creep_speed', self.creep_speed, 'm/s'),
-        )
+    def __post_init__(self) -> None:
+        check_fields(self, f'{type(self).__name__}.', _CHECKS)
 
     @abc.abstractmethod
     def nearest(self, place: FloatArray) -> Nearest:
@@ -88,14 +82,6 @@ class Plane(Obstacle):
 
     point: Vector
     normal: Vector
-
-    def __post_init__(self) -> None:
-        self._check('Plane')
-        set_fields(
-            self,
-            point=vector('Plane.point', self.point, 'm'),
-            normal=_direction('Plane.normal', self.normal),
-        )
 
     def nearest(self, place: FloatArray) -> Nearest:
         """Return distance and normal of the plane at each ``place`` (n, 3) [m]."""
@@ -155,14 +141,6 @@ class Sphere(_Round):
     radius: float
     _place = 'centre'
 
-    def __post_init__(self) -> None:
-        self._check('Sphere')
-        set_fields(
-            self,
-            centre=vector('Sphere.centre', self.centre, 'm'),
-            radius=positive('Sphere.radius', self.radius, 'm'),
-        )
-
     @property
     def _across(self) -> FloatArray:
         return np.eye(3)
@@ -185,15 +163,6 @@ class Cylinder(_Round):
     axis: Vector
     radius: float
 
-    def __post_init__(self) -> None:
-        self._check('Cylinder')
-        set_fields(
-            self,
-            point=vector('Cylinder.point', self.point, 'm'),
-            axis=_direction('Cylinder.axis', self.axis),
-            radius=positive('Cylinder.radius', self.radius, 'm'),
-        )
-
     @property
     def _across(self) -> FloatArray:
         return np.asarray(np.eye(3) - np.outer(self.axis, self.axis))
@@ -206,3 +175,15 @@ def _direction(name: str, value: object) -> Vector:
         raise ArmDefinitionError(name, value, 'a direction, not zero')
     x, y, z = (direction / length).tolist()
     return x, y, z
+
+
+_CHECKS = {
+    'stiffness': (positive, 'N/m^3'),
+    'friction': (not_negative, 'coefficient', '-', MAX_FRICTION),
+    'creep_speed': (positive, 'm/s'),
+    'point': (vector, 'm'),
+    'centre': (vector, 'm'),
+    'radius': (positive, 'm'),
+    'normal': (_direction,),
+    'axis': (_direction,),
+}

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 
@@ -16,12 +15,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_TABLE_POINTS
 from octo_arm_model.arm.validation import finite, positive, real_numbers, set_fields
 
-# The five points of a difference formula, and their spacing over the length of the profile, at
-# which the truncation error, of fourth order, and rounding are both about 1e-12.
-_POINTS = np.arange(-2.0, 3.0)
-_SPACING = 1e-3
-# Maps values at the five points to the coefficients of the quartic through them.
-_TO_QUARTIC = np.linalg.inv(np.vander(_POINTS, increasing=True))
+_POINTS = 1001  # of the spline of fifth degree whose derivative is that of a function
 
 
 PCHIP, LINEAR = BETWEEN = 'pchip', 'linear'  # interpolations of tables
@@ -187,7 +181,7 @@ class Function(Profile):
     Attributes:
         of_s: function of an array of arc coordinates in [0, ``length``] [m] that returns values.
         length: largest arc coordinate at which the functions can be called [m].
-        slope_of_s: function that returns the derivatives; None for finite differences.
+        slope_of_s: function that returns the derivatives; None for those of a spline.
 
     Raises:
         ArmDefinitionError: if the length is not positive.
@@ -210,12 +204,12 @@ class Function(Profile):
         s = np.asarray(s, dtype=np.float64)
         if self.slope_of_s is not None:
             return np.broadcast_to(np.asarray(self.slope_of_s(s), dtype=np.float64), s.shape)
-        # The derivative of the quartic through five points, one-sided near the ends.
-        h = _SPACING * self.length
-        centre = np.clip(s, 2.0 * h, self.length - 2.0 * h)
-        values = np.stack([self.value(centre + j * h) for j in _POINTS])
-        derivative = polynomial.polyder(np.tensordot(_TO_QUARTIC, values, 1))
-        return polynomial.polyval((s - centre) / h, derivative, tensor=False) / h
+        return np.asarray(self._spline(s, nu=1), dtype=np.float64)
+
+    @functools.cached_property
+    def _spline(self) -> BSpline:
+        s = np.linspace(0.0, self.length, _POINTS)
+        return make_interp_spline(s, self.value(s), k=5, check_finite=False)
 
     @property
     def reach(self) -> float:

@@ -1,6 +1,8 @@
 """Checks of input: every error names the field, its value and the expected values."""
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.ma import MaskedArray
@@ -18,6 +20,24 @@ def set_fields(instance: object, **values: object) -> None:
     """Set fields of a frozen dataclass to their checked ``values``, in its ``__post_init__``."""
     for name, value in values.items():
         object.__setattr__(instance, name, value)
+
+
+def check_fields(
+    instance: Any, prefix: str, checks: Mapping[str, tuple[Any, ...]], kept: tuple[type, ...] = ()
+) -> None:
+    """Check fields of a dataclass, and convert their values, in its ``__post_init__``.
+
+    Fields are called by their names after ``prefix`` in errors. ``checks`` has for the name of a
+    field a function of such a name and a value, as below, and its further arguments. Instances of
+    the classes ``kept`` are not checked.
+
+    Raises:
+        ArmDefinitionError: if a value is not as its check expects.
+    """
+    for field in instance.__dataclass_fields__:
+        if field in checks and not isinstance(value := getattr(instance, field), kept):
+            check, *arguments = checks[field]
+            set_fields(instance, **{field: check(f'{prefix}{field}', value, *arguments)})
 
 
 def check_class(name: str, value: object, kind: type, *others: type) -> None:

@@ -1,6 +1,7 @@
 """Build the parts of an arm, and the calibration of its load cells, from its parameters."""
 
 import functools
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -296,22 +297,21 @@ def _sections(given: Values) -> tuple[Section | RoutedSection, ...]:
         check_length(name, column, total, ', one per tendon')
     for number, angle in enumerate(angles):
         check_angle(f'tendons.angle[{number}]', angle)
+    ends = itertools.accumulate(numbers)
+    parts = [slice(end - number, end) for number, end in zip(numbers, ends, strict=True)]
     if given['tendons.table_s']:
         tendons = _routed(given, angles, total)
-        ends = [sum(numbers[: i + 1]) for i in range(count)]
         return tuple(
-            RoutedSection(anchorage, tuple(tendons[end - number : end]))
-            for anchorage, number, end in zip(anchorages, numbers, ends, strict=True)
+            RoutedSection(anchorage, tuple(tendons[part]))
+            for anchorage, part in zip(anchorages, parts, strict=True)
         )
-    offsets = [given[f'sections.{name}'] for name in ('offset_base', 'offset_anchorage')]
-    for name, column in zip(('offset_base', 'offset_anchorage'), offsets, strict=True):
-        check_length(f'sections.{name}', column, count, expected)
-    sections, first = [], 0
-    for anchorage, base, end, number in zip(anchorages, *offsets, numbers, strict=True):
-        part = slice(first, first + number)
-        sections.append(Section(anchorage, base, end, angles[part], twists[part]))
-        first += number
-    return tuple(sections)
+    offsets = [given[f'sections.offset_{end}'] for end in ('base', 'anchorage')]
+    for end, column in zip(('base', 'anchorage'), offsets, strict=True):
+        check_length(f'sections.offset_{end}', column, count, expected)
+    return tuple(
+        Section(anchorage, base, end, angles[part], twists[part])
+        for anchorage, base, end, part in zip(anchorages, *offsets, parts, strict=True)
+    )
 
 
 def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
@@ -322,24 +322,17 @@ def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
             'tendons.table_between is linear, and tendons.friction is given: it has no friction '
             'at kinks, expected pchip'
         )
-    columns = {}
-    for name in ('tendons.table_offset', 'tendons.table_angle'):
-        column = given[name]
-        if column or name == 'tendons.table_offset':
-            what = f', {len(s)} for each of {total} tendons'
-            check_length(name, column, total * len(s), what)
-        columns[name] = column
-    tendons = []
-    for j in range(total):
-        part = slice(j * len(s), (j + 1) * len(s))
-        name = f'offset of tendon {j + 1}'
-        offset = Table(s, columns['tendons.table_offset'][part], name, between)
-        angle: Profile = Constant(angles[j])
-        if columns['tendons.table_angle']:
-            name = f'angle of tendon {j + 1}'
-            angle = Table(s, columns['tendons.table_angle'][part], name, between)
-        tendons.append(Tendon(offset, angle))
-    return tendons
+
+    def tables(name: str) -> list[Profile]:
+        column, count = given[f'tendons.table_{name}'], len(s)
+        what = f', {count} for each of {total} tendons'
+        check_length(f'tendons.table_{name}', column, total * count, what)
+        rows = [column[j * count : (j + 1) * count] for j in range(total)]
+        return [Table(s, row, f'{name} of tendon {j}', between) for j, row in enumerate(rows, 1)]
+
+    offsets = tables('offset')
+    directions = tables('angle') if given['tendons.table_angle'] else map(Constant, angles)
+    return list(map(Tendon, offsets, directions))
 
 
 def _table(given: Values, name: str, s: Sequence[float]) -> Table:

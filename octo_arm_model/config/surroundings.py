@@ -1,6 +1,7 @@
 """Build from parameters what acts on an arm: loads, obstacles, damping and drag."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 from octo_arm_model.arm.errors import ArmDefinitionError
@@ -55,25 +56,21 @@ def _obstacles(given: Values) -> tuple[Obstacle, ...]:
     )
     radii = given['obstacles.radius'] or len(types) * (0.0,)
     check_length('obstacles.radius', radii, len(types), ', one per obstacle')
-    stiffness = _each(given, 'stiffness')
-    friction = _each(given, 'friction', 0.0)
-    creep_speed = _each(given, 'creep_speed', Obstacle.creep_speed)
+    columns: dict[str, Sequence[Any]] = {
+        **dict.fromkeys(('point', 'centre'), points),
+        **dict.fromkeys(('normal', 'axis'), axes),
+        'radius': radii,
+        'stiffness': _each(given, 'stiffness'),
+        'friction': _each(given, 'friction', 0.0),
+        'creep_speed': _each(given, 'creep_speed', Obstacle.creep_speed),
+    }
     obstacles = []
     for number, kind in enumerate(types):
-        values: dict[str, Any] = {
-            'point': points[number],
-            'centre': points[number],
-            'normal': axes[number],
-            'axis': axes[number],
-            'radius': radii[number],
-            'stiffness': stiffness[number],
-            'friction': friction[number],
-            'creep_speed': creep_speed[number],
-        }
         make = _KINDS[kind]
-        fields = {field.name: values[field.name] for field in dataclasses.fields(make)}
         try:
-            obstacles.append(make(**fields))
+            obstacles.append(
+                make(**{n.name: columns[n.name][number] for n in dataclasses.fields(make)})
+            )
         except ArmDefinitionError as error:
             name, at = error.field.partition('.')[2], f'{number}'
             if name in ('normal', 'axis'):  # of a plane, of a cylinder

@@ -136,7 +136,7 @@ def figure_8(figure: Figure) -> None:
     """Draw the arm of section 5.1 at tensions of our choice."""
     grid = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, tension in zip(grid.flat, UNKNOWN_TENSIONS, strict=True):
-        _draw_body(axes, 'fem', tables.pull(1, (tension, 0.0, 0.0, 0.0), 1))
+        _draw_body(axes, 'fem', tables.one_cable(tension))
         axes.set(title=f'$T_{{11}}$ = {tension:g} N', xlabel='x [mm]', ylabel='y [mm]')
         axes.label_outer()
     _add_legend(figure)
@@ -145,10 +145,10 @@ def figure_8(figure: Figure) -> None:
 def figure_9(figure: Figure) -> None:
     """Draw the prototype of section 5.2 at 3 N and at the tensions of Table 1."""
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    _draw_body(left, 'prototype', tables.pull(1, (PROTOTYPE_IN_FIGURE_9, 0.0, 0.0, 0.0), 1))
+    _draw_body(left, 'prototype', tables.one_cable(PROTOTYPE_IN_FIGURE_9))
     left.set(title=f'Figure 9: $T_{{11}}$ = {PROTOTYPE_IN_FIGURE_9:g} N', ylabel='y [mm]')
     for tension in PROTOTYPE_ERRORS:
-        tensions = tables.pull(1, (tension, 0.0, 0.0, 0.0), 1)
+        tensions = tables.one_cable(tension)
         _draw(right, 'prototype', tensions, _in_plane)
         tips = np.array([tables.solve('prototype', model, tensions).tip[:2] for model in MODELS])
         position = 1e3 * tips[:, 0].mean(), 1e3 * tips[:, 1].min() - 4.0

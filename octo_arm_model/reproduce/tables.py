@@ -6,14 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.body import Body
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.tendon import Section
 from octo_arm_model.config import paper_data
 from octo_arm_model.config.config import Config, load_config
 from octo_arm_model.config.paper_data import Tensions
-from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import MODELS, Solver
@@ -44,6 +41,11 @@ def pull(section: int, tensions: tuple[float, float, float, float], sections: in
     rows = [(0.0, 0.0, 0.0, 0.0)] * sections
     rows[section - 1] = tensions
     return tuple(rows)
+
+
+def one_cable(tension: float) -> Tensions:
+    """Return tensions [N] of an arm of one section of which the first cable is pulled."""
+    return pull(1, (tension, 0.0, 0.0, 0.0), 1)
 
 
 def pair(plane: float) -> tuple[float, float, float, float]:
@@ -129,6 +131,9 @@ _ARMS = {
 }
 
 
+_FETCHING = {'Figure 14': paper_data.FETCHING_IN_PLANE, 'Figure 15': paper_data.FETCHING_IN_SPACE}
+
+
 @dataclass(frozen=True)
 class DataTable:
     """A table in which all columns but the first are numbers.
@@ -151,23 +156,22 @@ def arms() -> DataTable:
     return DataTable(
         'Tables 2 and 4, sections 5.1 and 5.2. Lengths in mm, E in kPa.',
         ('', 'E', 'ν', 'L = l1', 'Rmin', 'Rmax', 'b1', 'a1', 'b2', 'a2', 'l2', 'b3', 'a3', 'l3'),
-        tuple((name, *_parameters(config(preset).arm)) for name, preset in _ARMS.items()),
+        tuple((name, *_parameters(preset)) for name, preset in _ARMS.items()),
         'The paper prints no ν for the arms of section 5, where that of Table 2 stands in, and '
         'no E for that of 5.1, where that of 5.2 stands in (‘all material and geometric '
         'properties of the real prototype have been used’).',
     )
 
 
-def _parameters(arm: Arm) -> list[str]:
-    body, material = arm.body, arm.material
-    assert isinstance(body, Body)
-    assert isinstance(material.youngs_modulus, float)
-    lengths = [body.length, body.radius_tip, body.radius_base]
-    for section in arm.sections:
-        assert isinstance(section, Section)
-        lengths += [section.offset_anchorage, section.offset_base, section.anchorage]
+def _parameters(preset: str) -> list[str]:
+    given = load_parameters(preset_path(f'renda2012_{preset}'))
+    lengths = [given[f'body.{name}'] for name in ('length', 'radius_tip', 'radius_base')]
+    of_sections = (
+        given[f'sections.{name}'] for name in ('offset_anchorage', 'offset_base', 'anchorage')
+    )
+    lengths += itertools.chain.from_iterable(zip(*of_sections, strict=True))
     del lengths[5]  # l1 is L
-    numbers = [material.youngs_modulus * 1e-3, material.poisson_ratio]
+    numbers = [given['material.youngs_modulus'] * 1e-3, given['material.poisson_ratio']]
     numbers += [length * 1e3 for length in lengths]
     return [f'{value:g}' for value in numbers] + ['–'] * (13 - len(numbers))
 
@@ -207,8 +211,7 @@ _TIPS = (
 
 def _tips(preset: str, tension: float) -> list[str]:
     """Return the columns `_TIPS` of an arm with one cable."""
-    tensions = pull(1, (tension, 0.0, 0.0, 0.0), 1)
-    shapes = [solve(preset, model, tensions) for model in MODELS]
+    shapes = [solve(preset, model, one_cable(tension)) for model in MODELS]
     first, length = shapes[0], shapes[0].s[-1]
     distances = [float(np.linalg.norm(shape.tip - first.tip)) / length for shape in shapes[1:]]
     return [*(_point(shape) for shape in shapes), *(f'{100.0 * value:.1f}' for value in distances)]
@@ -218,8 +221,7 @@ def tensions() -> DataTable:
     """Return Tables 3 and 5."""
     figures = {
         **{f'Figure 11({panel})': rows for panel, rows in paper_data.BENDING.items()},
-        'Figure 14': paper_data.FETCHING_IN_PLANE,
-        'Figure 15': paper_data.FETCHING_IN_SPACE,
+        **_FETCHING,
     }
     names = ('T11', 'T12', 'T13', 'T14', 'T21', 'T32', 'T33')
     return DataTable(
@@ -249,10 +251,7 @@ def bending() -> DataTable:
 def fetching() -> DataTable:
     """Return quantities of the shapes of Figures 14 and 15, by model."""
     rows = []
-    for figure, tensions in (
-        ('Figure 14', paper_data.FETCHING_IN_PLANE),
-        ('Figure 15', paper_data.FETCHING_IN_SPACE),
-    ):
+    for figure, tensions in _FETCHING.items():
         for model in MODELS:
             shape = solve('table4', model, tensions)
             rows.append(
