@@ -148,7 +148,7 @@ def read_table(text: str) -> tuple[Parameter, ...]:
 
     The cells are name, type as in ROS, default as in Python (empty if the parameter must be
     given), range in words (empty or left out for any value) and options: any of ``choice``,
-    ``unless`` with names, ``with`` and names that it needs, ``what`` with a word and ``most``
+    ``unless`` with names, ``with`` and names that it needs, ``what`` with a noun and ``most``
     with a number, as in `Parameter`.
 
     Raises:
@@ -166,7 +166,7 @@ def _read_row(row: str) -> Parameter:
         (head, r'\w+(\.\w+)* *\|[^|]*\|.*', 'name | type | default'),
         (kind, rf'({"|".join(_KINDS)})(\[\])?', 'a type'),
         *(
-            (one, r'choice|(unless|with)( [\w.]+)+|what \w+|most \d+', 'an option')
+            (one, r'choice|(unless|with)( [\w.]+)+|what [\w ]+|most \d+', 'an option')
             for one in options
         ),
         (description, r'(?!.* \| ).+', 'an indented description'),
@@ -241,27 +241,10 @@ def refuse_unknown(values: Mapping[str, Any], known: Sequence[str], owner: str) 
 Group = TypeVar('Group', bound='ParameterGroup')
 
 
-def stated(
-    description: str,
-    default: Any,
-    allowed: str = '',
-    what: str = 'number',
-    most: int = MAX_TABLE_POINTS,
-    needs: tuple[str, ...] = (),
-) -> Any:
-    """Return a field of a `ParameterGroup`, which is an array if its ``default`` is a tuple.
-
-    The ``description`` has the unit in brackets. `Parameter.check` refuses values that are not
-    ``allowed``, a range in words or all texts that are, with ``what`` as the noun for a value. An
-    array has at most ``most`` values. `check_together` refuses a value without those that it
-    ``needs``.
-    """
-    is_array = isinstance(default, tuple)
-    kind = type((default or (0.0,))[0] if is_array else default)
-    options: dict[str, Any] = {'most': most, 'what': what, 'kind': kind, 'is_array': is_array}
-    options['is_choice'] = kind is str and bool(allowed)
-    parameter = Parameter('', description, default, allowed, needs=needs, **options)
-    return dataclasses.field(default=default, metadata={'stated': parameter})
+def stated(row: str, description: str) -> Any:
+    """Return a field of a `ParameterGroup`: a row of `read_table` but for its name."""
+    parameter = _read_row(f'field | {row}\n    {description}')
+    return dataclasses.field(default=parameter.default, metadata={'stated': parameter})
 
 
 @dataclass(frozen=True)

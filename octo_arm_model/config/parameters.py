@@ -32,17 +32,17 @@ class DiagnosticLimits(ParameterGroup):
     GROUP = 'diagnostics'
 
     silence_limit: float = stated(
-        'time without messages after which an input is called silent [s]', 2.0, '>= 0', 'time'
+        'double | 2.0 | >= 0 | what time',
+        'time without messages after which an input is called silent [s]',
     )
     age_limit: float = stated(
-        'age on arrival from which stamps of tensions are called old [s]', 1.0, '>= 0', 'time'
+        'double | 1.0 | >= 0 | what time',
+        'age on arrival from which stamps of tensions are called old [s]',
     )
     ahead_limit: float = stated(
+        'double | 0.1 | >= 0 | what time',
         'time that stamps of tensions may be ahead of the clock, beside twice the last step of a '
         'simulated clock [s]',
-        0.1,
-        '>= 0',
-        'time',
     )
 
 

@@ -40,118 +40,105 @@ class EstimatorParameters(ParameterGroup):
     GROUP = 'estimator'
 
     contact: str = stated(
+        f"string | 'tip' | one of {', '.join(CONTACTS)} | choice",
         'unknown load on the arm besides its known loads: tip (a force on the tip), at (a '
         'force at contact_s), somewhere (a force at one of contact_s or nowhere, by their '
         'probabilities), current (uniform, of the surrounding fluid) or none',
-        'tip',
-        f'one of {", ".join(CONTACTS)}',
     )
     contact_s: tuple[float, ...] = stated(
+        f'double[] | [] | in (0, body.length], at most {MAX_PLACES} | most {MAX_PLACES}',
         'arc coordinates of the contact [m]; empty, with somewhere, for '
         f'{PLACES} even steps up to the tip',
-        (),
-        f'in (0, body.length], at most {MAX_PLACES}',
-        most=MAX_PLACES,
     )
     force_stddev: float = stated(
+        'double | 0.0 | >= 0',
         'standard deviation of each component of the force before anything is measured [N]; '
         f'0 for the force that moves the tip by {BENT:g} of the length',
-        0.0,
-        '>= 0',
     )
     force_time: float = stated(
+        'double | 1.0 | > 0',
         'correlation time of force, moment and current: how long an estimate of them lasts '
         'without measurements [s]',
-        1.0,
-        '> 0',
     )
     change_time: float = stated(
-        'with somewhere, mean time after which the contact is at another place [s]', 1.0, '> 0'
+        'double | 1.0 | > 0',
+        'with somewhere, mean time after which the contact is at another place [s]',
     )
     moment_stddev: float = stated(
+        'double | 0.0 | >= 0',
         'standard deviation of each component of a moment on the tip before anything is '
         'measured, with tip [N m]; 0 for no moment',
-        0.0,
-        '>= 0',
     )
     current_stddev: float = stated(
+        'double | 0.0 | >= 0',
         'standard deviation of the pressure of a current before anything is measured [Pa]; 0 '
         'for force_stddev over the area of the arm seen from the side',
-        0.0,
-        '>= 0',
     )
     tension_rate: float = stated(
+        'double | 0.0 | >= 0',
         'standard deviation of the change of each tension in a second [N]; 0 for the largest '
         'that the arm bears',
-        0.0,
-        '>= 0',
     )
     tension_bias_stddev: float = stated(
-        'standard deviation of the constant bias of each load cell [N]; 0 for no bias', 0.0, '>= 0'
+        'double | 0.0 | >= 0',
+        'standard deviation of the constant bias of each load cell [N]; 0 for no bias',
     )
     tension_bias_rate: float = stated(
+        'double | 0.0 | >= 0 | with estimator.tension_bias_stddev',
         'standard deviation of the change of this bias in a second [N]',
-        0.0,
-        '>= 0',
-        needs=('estimator.tension_bias_stddev',),
     )
     tension_loss_stddev: float = stated(
+        'double | 0.0 | >= 0',
         'standard deviation of the logarithm of the tension of each tendon at the base over '
         'that along the arm, as friction changes it, with the correlation time force_time '
         f'[-]; 0 for {TURNED:g} rad times tendons.friction',
-        0.0,
-        '>= 0',
     )
     displacement_stddev: float = stated(
-        'standard deviation of tendon_displacements [m]', 2e-4, '> 0'
+        'double | 0.0002 | > 0', 'standard deviation of tendon_displacements [m]'
     )
     marker_s: tuple[float, ...] = stated(
+        f'double[] | [] | in [0, body.length], at most {MAX_MARKERS} | most {MAX_MARKERS}',
         'arc coordinates of the markers of measured/markers, from the base on [m]',
-        (),
-        f'in [0, body.length], at most {MAX_MARKERS}',
-        most=MAX_MARKERS,
     )
     marker_stddev: float = stated(
-        'standard deviation of each coordinate of a marker [m]', 1e-3, '> 0'
+        'double | 0.001 | > 0', 'standard deviation of each coordinate of a marker [m]'
     )
     tip_position_stddev: float = stated(
+        'double | 0.0 | >= 0',
         'standard deviation of each coordinate of measured/tip_pose if the message has no '
         'covariance [m]; 0: such a message is refused',
-        0.0,
-        '>= 0',
     )
     tip_rotation_stddev: float = stated(
+        'double | 0.0 | >= 0',
         'standard deviation of its rotation vector if the message has no covariance [rad]; 0: the '
         'orientation is not used',
-        0.0,
-        '>= 0',
     )
     base_force_stddev: float = stated(
+        'double | 0.0 | >= 0',
         'standard deviation of each force of measured/base_wrench [N]; 0: its messages are '
         'refused',
-        0.0,
-        '>= 0',
     )
-    base_moment_stddev: float = stated('standard deviation of its moments [N m]', 0.0, '>= 0')
+    base_moment_stddev: float = stated(
+        'double | 0.0 | >= 0', 'standard deviation of its moments [N m]'
+    )
     gate: float = stated(
+        f'double | {GATE} | in (0, 1)',
         'probability that a right measurement is accepted; one that is less probable is refused',
-        GATE,
-        'in (0, 1)',
     )
     cell_fault: float = stated(
+        f'double | {CELL_FAULT} | in [0, 1)',
         'probability that a given load cell is faulty, over the probability that all sensors are '
         'right; if the other sensors cannot tell, the covariance covers this case; 0 for load '
         'cells that are never faulty',
-        CELL_FAULT,
-        'in [0, 1)',
     )
-    sensor_fault: float = stated('the same for each other sensor', SENSOR_FAULT, 'in [0, 1)')
-    window: float = stated('largest delay of a measurement [s]', 0.2, '>= 0')
+    sensor_fault: float = stated(
+        f'double | {SENSOR_FAULT} | in [0, 1)', 'the same for each other sensor'
+    )
+    window: float = stated('double | 0.2 | >= 0', 'largest delay of a measurement [s]')
     recover_after: float = stated(
+        f'double | {RECOVER_AFTER} | >= 0',
         'time for which sensors have to contradict the estimate, whichever is doubted, before it '
         'starts again from the prior [s]; 0 for never',
-        RECOVER_AFTER,
-        '>= 0',
     )
 
 

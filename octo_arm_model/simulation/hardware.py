@@ -22,34 +22,30 @@ class Winches(ParameterGroup):
 
     GROUP = 'winches'
 
-    slack_floor: float = stated('least tension the winches keep [N]', 0.0, '>= 0', 'tension')
+    slack_floor: float = stated(
+        'double | 0.0 | >= 0 | what tension', 'least tension the winches keep [N]'
+    )
     force_limit: float = stated(
+        'double | 0.0 | >= 0 | what tension',
         'largest tension of the winches, at least slack_floor [N]; 0 for no limit',
-        0.0,
-        '>= 0',
-        'tension',
     )
     rate_limit: float = stated(
-        'largest rate at which their set point changes [N/s]; 0 for no limit', 0.0, '>= 0', 'rate'
+        'double | 0.0 | >= 0 | what rate',
+        'largest rate at which their set point changes [N/s]; 0 for no limit',
     )
     speed_limit: float = stated(
+        'double | 0.0 | >= 0 | what rate | with dynamics',
         'largest rate at which lengths of an arm that moves are reeled in or out [m/s]; 0 for no '
         'limit',
-        0.0,
-        '>= 0',
-        'rate',
-        needs=('dynamics',),
     )
     lag: float = stated(
+        'double | 0.0 | >= 0 | what time',
         'time constant with which tensions, or lengths, follow the set point [s]; 0 for at once',
-        0.0,
-        '>= 0',
-        'time',
     )
     encoders: bool = stated(
+        'bool | False',
         'whether lengths that the winches have reeled in are published, on '
         'tendon_displacements; an octo_arm_node that hears them is driven by them',
-        False,
     )
 
     def __post_init__(self) -> None:
@@ -107,13 +103,11 @@ class Relaxation(ParameterGroup):
     GROUP = 'relaxation'
 
     ratio: float = stated(
+        'double | 0.0 | >= 0 | what ratio',
         'instantaneous over relaxed modulus, less one [-]; 0 for an elastic arm, as in the paper',
-        0.0,
-        '>= 0',
-        'ratio',
     )
     time: float = stated(
-        'time constant of the relaxing modulus at constant strain [s]', 1.0, '> 0'
+        'double | 1.0 | > 0', 'time constant of the relaxing modulus at constant strain [s]'
     )
 
     def step(self, crept: FloatArray, tension: FloatArray, dt: float) -> FloatArray:
@@ -148,25 +142,22 @@ class LoadCells(ParameterGroup):
     GROUP = 'load_cells'
 
     gain_stddev: float = stated(
+        'double | 0.0 | >= 0 | what standard deviation',
         'standard deviation of the gain of each load cell, drawn once [-]',
-        0.0,
-        '>= 0',
-        'standard deviation',
     )
     noise_stddev: float = stated(
+        'double | 0.0 | >= 0 | what standard deviation',
         'standard deviation of the noise of each reading [N]; readings of slack tendons go '
         'below 0',
-        0.0,
-        '>= 0',
-        'standard deviation',
     )
     resolution: float = stated(
-        'step of which readings are multiples [N]; 0 for all digits', 0.0, '>= 0', 'tension'
+        'double | 0.0 | >= 0 | what tension',
+        'step of which readings are multiples [N]; 0 for all digits',
     )
     drop_probability: float = stated(
-        'probability that a message of readings is lost [-]', 0.0, 'in [0, 1]'
+        'double | 0.0 | in [0, 1]', 'probability that a message of readings is lost [-]'
     )
-    seed: int = stated('seed of gains, noise and losses', 0, '>= 0')
+    seed: int = stated('integer | 0 | >= 0', 'seed of gains, noise and losses')
 
     def __post_init__(self) -> None:
         """Check the values."""

@@ -36,16 +36,16 @@ class Push(ParameterGroup):
     GROUP = 'push'
 
     force: tuple[float, ...] = stated(
-        'force that pushes the arm, in base_frame [N]; with model exact', (0.0, 0.0, 0.0)
+        'double[] | [0.0, 0.0, 0.0]',
+        'force that pushes the arm, in base_frame [N]; with model exact',
     )
     s: float = stated(
-        'arc coordinate on the arm of the cross section it acts on [m]; 0 for the tip', 0.0, '>= 0'
+        'double | 0.0 | >= 0',
+        'arc coordinate on the arm of the cross section it acts on [m]; 0 for the tip',
     )
     period: float = stated(
+        'double | 0.0 | >= 0 | what time',
         'period of the force, which acts in the second half of it [s]; 0 for a constant force',
-        0.0,
-        '>= 0',
-        'time',
     )
 
     def __post_init__(self) -> None:
@@ -70,29 +70,29 @@ class Sensors(ParameterGroup):
 
     GROUP = 'sensors'
 
-    tip_pose_rate: float = stated(f'measured/tip_pose: {_RATE}', 0.0, '>= 0')
+    tip_pose_rate: float = stated('double | 0.0 | >= 0', f'measured/tip_pose: {_RATE}')
     tip_position_stddev: float = stated(
-        'noise of each coordinate of the position of the tip [m]', 0.0, '>= 0'
+        'double | 0.0 | >= 0', 'noise of each coordinate of the position of the tip [m]'
     )
     tip_rotation_stddev: float = stated(
-        'noise of each component of its rotation [rad]', 0.0, '>= 0'
+        'double | 0.0 | >= 0', 'noise of each component of its rotation [rad]'
     )
-    markers_rate: float = stated(f'measured/markers: {_RATE}', 0.0, '>= 0')
+    markers_rate: float = stated('double | 0.0 | >= 0', f'measured/markers: {_RATE}')
     marker_s: tuple[float, ...] = stated(
-        f'arc coordinates on the arm of the markers [m], at most {MAX_MARKERS}',
-        (),
-        '>= 0',
-        most=MAX_MARKERS,
+        f'double[] | [] | >= 0 | most {MAX_MARKERS}',
+        'arc coordinates on the arm of the markers [m]',
     )
-    marker_stddev: float = stated('noise of each coordinate of a marker [m]', 0.0, '>= 0')
-    base_wrench_rate: float = stated(f'measured/base_wrench: {_RATE}', 0.0, '>= 0')
+    marker_stddev: float = stated(
+        'double | 0.0 | >= 0', 'noise of each coordinate of a marker [m]'
+    )
+    base_wrench_rate: float = stated('double | 0.0 | >= 0', f'measured/base_wrench: {_RATE}')
     base_force_stddev: float = stated(
-        'noise of each component of the force under the base [N]', 0.0, '>= 0'
+        'double | 0.0 | >= 0', 'noise of each component of the force under the base [N]'
     )
     base_moment_stddev: float = stated(
-        'noise of each component of the moment under the base [N m]', 0.0, '>= 0'
+        'double | 0.0 | >= 0', 'noise of each component of the moment under the base [N m]'
     )
-    seed: int = stated('seed of the noise of all these sensors', 0, '>= 0')
+    seed: int = stated('integer | 0 | >= 0', 'seed of the noise of all these sensors')
 
     def __post_init__(self) -> None:
         """Check the values that do not depend on the arm."""

@@ -57,36 +57,33 @@ class Course(ParameterGroup):
     GROUP = ''
 
     rate: float = stated(
+        f'double | 100.0 | in [{MIN_RATE:g}, {HIGHEST_RATE:g}], '
+        f'at least {_MOVING_RATE:g} with dynamics',
         'rate at which tensions are measured and published [Hz]',
-        100.0,
-        f'in [{MIN_RATE:g}, {HIGHEST_RATE:g}], at least {_MOVING_RATE:g} with dynamics',
     )
     dynamics: bool = stated(
+        'bool | False',
         'whether the arm moves with inertia and water, see motion.*, or follows its '
         'tensions at once',
-        False,
     )
     publish_clock: bool = stated(
+        'bool | False',
         'whether the simulator has its own time, which begins at 0, advances by a period each '
         'step and is published on /clock',
-        False,
     )
     real_time_factor: float = stated(
+        f'double | 1.0 | 0, or {_SLOWEST:g} to {_FASTEST:g} | with publish_clock',
         'speed of this time relative to the wall clock [-]; 0 for as fast as possible',
-        1.0,
-        f'0, or {_SLOWEST:g} to {_FASTEST:g}',
-        needs=('publish_clock',),
     )
     on_failure: str = stated(
+        f"string | 'go_on' | {' or '.join(_ON_FAILURE)} | choice",
         'reaction when no step of the arm succeeds, as when it is crushed: go_on from the last '
         'state, or pause',
-        'go_on',
-        ' or '.join(_ON_FAILURE),
     )
     state_file: str = stated(
+        "string | ''",
         'file of the services save_state and restore_state, whose name ends with '
         f'{SUFFIX}; empty for none; it can be changed to one in the same folder only',
-        '',
     )
 
     def __post_init__(self) -> None:
@@ -109,10 +106,10 @@ class Playing(ParameterGroup):
     GROUP = 'profile'
 
     name: str = stated(
-        'movement, or CSV or YAML file, that the simulator plays; empty for none', ''
+        "string | ''", 'movement, or CSV or YAML file, that the simulator plays; empty for none'
     )
-    speed: float = stated('factor of the speed at which it is played [-]', 1.0, '> 0')
-    loop: bool = stated('whether it is repeated', False)
+    speed: float = stated('double | 1.0 | > 0', 'factor of the speed at which it is played [-]')
+    loop: bool = stated('bool | False', 'whether it is repeated')
 
 
 _GROUPS = Course, Winches, LoadCells, Relaxation, Playing, Push, Sensors
