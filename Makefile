@@ -22,7 +22,7 @@ PORT ?= 8080
 MOTION ?= --moving
 export PYTHON
 # Tests of a file run in one worker, which starts the nodes that they share once.
-PYTEST = -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+PYTEST = -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 10 --durations-min 5
 NUMERIC = test/arm test/rod test/truth test/analysis test/estimation test/experiment
 OLDEST = .ros/oldest
 

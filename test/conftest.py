@@ -3,8 +3,6 @@
 import contextlib
 import os
 import signal
-import time
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -54,10 +52,6 @@ _ORDER = (
     'wire',
 )
 _HERE = Path(__file__).parent
-_MOST = 5.0  # bound of the processor time of a test of `make test` [s]
-_IS_LAST = pytest.StashKey[bool]()
-_before = 0.0
-_compiling = [0.0]  # time in which numba compiled in this process [s]
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -90,48 +84,6 @@ def domains_of_a_file() -> Iterator[None]:
     """Release the ROS domains of a file after its last test."""
     yield
     ros_domains.release()
-
-
-def _processor_time() -> float:
-    """Processor time of this process and its ended children, without numba's compiling [s]."""
-    return sum(os.times()[:4]) - _compiling[0]
-
-
-def pytest_runtest_logstart() -> None:
-    """Note the processor time at the start of a test."""
-    global _before
-    _before = _processor_time()
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Any:
-    """Note the last test of a file: after it end processes that the whole file used."""
-    item.stash[_IS_LAST] = nextitem is None or nextitem.path != item.path
-    return (yield)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Any:
-    """Add the processor time to the report of each phase, which workers send."""
-    global _before
-    report = yield
-    start, _before = _before, _processor_time()
-    ends_file = report.when == 'teardown' and item.stash.get(_IS_LAST, False)
-    report.processor_time = 0.0 if ends_file else _before - start
-    return report
-
-
-def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Print the tests of `make test` with more processor time than `_MOST`."""
-    times: Counter[str] = Counter()
-    for report in (report for reports in terminalreporter.stats.values() for report in reports):
-        if 'endurance' not in getattr(report, 'keywords', ()):
-            times[report.nodeid] += getattr(report, 'processor_time', 0.0)
-    slow = [(name, seconds) for name, seconds in times.most_common() if seconds > _MOST]
-    if slow:
-        terminalreporter.section(f'more than {_MOST:.0f} s of processor time')
-        for name, seconds in slow:
-            terminalreporter.line(f'{seconds:6.1f} s  {name}')
 
 
 @pytest.fixture(params=PAPERS_PRESETS)
@@ -174,26 +126,5 @@ def cloud(table4: Config) -> Workspace:
     return sample_workspace(table4, HIGHEST, 4 * CHUNK, processes=1)
 
 
-# Compiles here, so that no test that checks output gets the line about compiling.
-HAS_NUMBA = is_available()
-if HAS_NUMBA:
-    from numba.core import event
-
-    class _Compilation(event.Listener):
-        """Sums the processor time in which numba compiles, which belongs to no single test."""
-
-        _began, _depth = 0.0, 0
-
-        def on_start(self, event: Any) -> None:
-            """Note the start of an outermost compilation."""
-            if not self._depth:
-                self._start = time.process_time()
-            self._depth += 1
-
-        def on_end(self, event: Any) -> None:
-            """Add the time of an outermost compilation."""
-            self._depth -= 1
-            if not self._depth:
-                _compiling[0] += time.process_time() - self._start
-
-    event.register('numba:compile', _Compilation())
+# Compiles here, so that no test that checks output gets the line about compiling, or the time.
+is_available()

@@ -89,7 +89,7 @@ def test_tendon_can_end_on_the_midline(length, base):
 # Texts and sizes -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('name', ['a\0b', '\ud800', 'x' * 256, 5, b'a', True])
+@pytest.mark.parametrize('name', ['a\0b', '\ud800', 'x' * 256, '', 'a', 5, b'a', True])
 def test_invalid_names_are_refused(name):
     with pytest.raises(ArmDefinitionError, match='expected distinct, non-empty names of at most'):
         named_arm(('a', 'b', 'c', name))  # type: ignore[arg-type]
@@ -235,10 +235,7 @@ def test_tables_are_bounded_and_numeric():
         (lambda: Section(1.0, -1e-9, 0.0), 'section.offset_base is -1e-09, expected a finite'),
         (lambda: Section(1.0, 0.0, math.inf), 'section.offset_anchorage is inf, expected'),
         (lambda: arm_of(), 'sections is (), expected a sequence of at least one section'),
-        (
-            lambda: Section(0.4, 0.0, 0.0, angles=(0.0, 90.0)),
-            'section.angles is 90.0, expected a finite angle within 2 pi of zero, in radians, not',
-        ),
+        (lambda: Section(0.4, 0.0, 0.0, angles=(0.0, 90.0)), 'section.angles is 90.0, expected'),
         (
             lambda: Config.from_parameters(DEGREES),
             'tendons.angle[1] is 90.0, expected a finite angle within 2 pi of zero, in radians',
@@ -249,10 +246,7 @@ def test_tables_are_bounded_and_numeric():
             'sections[2].anchorage is 0.4, expected less than that of the section before it, '
             '0.2 [m]: sections are listed from the tip to the base',
         ),
-        (
-            lambda: arm_of((0.2, 0, 0), (0.2, 0, 0)),
-            'sections[2].anchorage is 0.2, expected less t',
-        ),
+        (lambda: arm_of((0.2, 0, 0), (0.2, 0, 0)), 'sections[2].anchorage is 0.2, expected les'),
         (
             lambda: arm_of((0.4, 0.0, 0.0), (0.2, 0.0201, 0.0)),
             'sections[2].offset_base is 0.0201, expected at most the radius of the body at '
@@ -264,14 +258,6 @@ def test_tables_are_bounded_and_numeric():
             's = 0.2 m, 0.015 [m]',
         ),
         (lambda: named_arm('AB'), "tendon_names is ['A', 'B'], expected 4 names, one per tendon"),
-        (
-            lambda: named_arm('ABCA'),
-            "tendon_names is ['A', 'B', 'C', 'A'], expected distinct, non-em",
-        ),
-        (
-            lambda: named_arm([*'ABC', '']),
-            "tendon_names is ['A', 'B', 'C', ''], expected distinct, no",
-        ),
         (lambda: Table((0.0,), (1.0,)), 'table.s is (0.0,), expected at least two'),
         (lambda: Table((0.1, 0.2), (1.0, 1.0)), 'table.s is (0.1, 0.2), expected at least two'),
         (lambda: Table((0.0, 0.2, 0.2), (1.0,) * 3), 'table.s is (0.0, 0.2, 0.2), expected'),
@@ -285,17 +271,11 @@ def test_tables_are_bounded_and_numeric():
             'body.radius at s = 0 m is 15.0, expected a finite number > 0 and at most the length',
         ),
         (lambda: Loads(points=Z), 'loads.points is (0.0, 0.0, 1.0), expected a list of PointLoad'),
-        (
-            lambda: Loads(distributed=[Z]),
-            'loads.distributed is [(0.0, 0.0, 1.0)], expected a list',
-        ),
+        (lambda: Loads(distributed=[Z]), 'loads.distributed is [(0.0, 0.0, 1.0)], expected a l'),
         (lambda: Loads(others=[Z]), 'loads.others is [(0.0, 0.0, 1.0)], expected a list of Load'),
         (lambda: Loads(scaled=[Loads()]), 'loads.scaled is [Loads('),
         (lambda: DistributedLoad(0.1, Z), 'loads.distributed is 0.1, expected lists of s and of'),
-        (
-            lambda: DistributedLoad((0.0, 0.1), 1.0),
-            'loads.distributed is 1.0, expected lists of s and of',
-        ),
+        (lambda: DistributedLoad((0.0, 0.1), 1.0), 'loads.distributed is 1.0, expected lists of'),
         (lambda: Arm(None, BODY, ()), 'material is None, expected an instance of Material'),
         (lambda: Arm(MATERIAL, 0.4, ()), 'body is 0.4, expected an instance of Body'),
         (lambda: ProfiledBody(0.4, 0.01), 'body.profile is 0.01, expected an instance of Profile'),

@@ -157,11 +157,8 @@ def test_models_use_the_parameters_and_exact():
 @pytest.mark.parametrize(
     ('values', 'words'),
     [
-        ({'contact': 'elbow'}, "contact is 'elbow', expected one of tip, at"),
-        ({'contact': 'at'}, 'contact_s is empty, expected where the arm is touched'),
         ({'contact_s': [0.1]}, 'contact_s has no effect with contact tip'),
         ({'contact': 'current', 'moment_stddev': 0.1}, 'no effect with contact current'),
-        ({'current_stddev': 3.0}, 'current_stddev is 3, which has no effect with contact tip'),
         ({'change_time': 2.0}, 'change_time is 2, which has no effect with contact tip'),
         ({'contact': 'at', 'contact_s': [0.0]}, 'contact_s has 0, expected over 0 to 0.27 m'),
         ({'contact': 'at', 'contact_s': [0.3]}, 'contact_s has 0.3, expected over 0 to 0.27 m'),
