@@ -32,8 +32,11 @@ from octo_arm_model.rod.loads import LocalTangents, add_tangents, kinematics
 from octo_arm_model.rod.rotations import dot, outer, skew
 from octo_arm_model.rod.section_arrays import cross
 from octo_arm_model.rod.tables import (
+    ADDED,
     COLUMNS,
     DISPLACED,
+    LEVER,
+    MASS,
     POSITION,
     RADIUS,
     ROTARY_B,
@@ -45,6 +48,9 @@ from octo_arm_model.rod.tables import (
     TimeRule,
 )
 
+# Rounding error of places over the length of the arm.
+_ROUNDED = 4e-16
+
 
 class MovingProblem(Problem):
     """The residual and Jacobian of a rod that moves by a `TimeRule`.
@@ -55,6 +61,8 @@ class MovingProblem(Problem):
         origin: origin of positions [m], (3,), as rounding of large ones would accelerate the rod.
         base: position from the origin [m] and quaternion w, x, y, z of the base, (7,).
         is_viscous: whether viscosity damps the rod.
+        rounding: residual by the inertia of rounding errors of places, times the square of the
+            time step [s^2].
     """
 
     def __init__(
@@ -107,6 +115,10 @@ class MovingProblem(Problem):
             _viscosities(arm, elements.s, strains, properties),
         )
         self.is_viscous = bool(self.moving.viscous.any())
+        resisting = elements.to_tip @ (section[:, MASS] + section[:, ADDED])
+        moment = elements.to_tip @ resisting / tables.body[:, LEVER]
+        accelerated = np.maximum(resisting, moment) / self.tables.least_scale
+        self.rounding = _ROUNDED * arm.length * float(accelerated.max())
         self.origin, self.base = np.zeros(3), np.array([*np.zeros(3), *tables.base])
         self.rest = TimeRule(
             0.0,

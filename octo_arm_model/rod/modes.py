@@ -19,6 +19,8 @@ from octo_arm_model.rod.equilibrium import Condition
 from octo_arm_model.rod.loads import kinematics
 from octo_arm_model.rod.motion import Dynamics, MotionState
 
+_AT_REST = 1e-3  # residual without the motion, up to which a state counts as at rest
+
 
 class Modes(NamedTuple):
     """The natural modes of an arm about an equilibrium, the slowest first.
@@ -65,7 +67,7 @@ def modes(dynamics: Dynamics, state: MotionState, count: int = 6) -> Modes:
     Tendons with friction stick. Damping ratios are to first order in the coupling of the modes.
 
     Raises:
-        ConfigError: if there are not so many modes.
+        ConfigError: if there are not so many modes, or the state is not at rest.
         SolveError: if the equilibrium is not stable.
     """
     equations = _linearisation(dynamics, state, count)
@@ -83,8 +85,7 @@ def linearise(dynamics: Dynamics, state: MotionState, count: int = 12) -> Linear
     """Return the linear model in ``count`` modes about a ``state`` at rest.
 
     Raises:
-        ConfigError: if there are not so many modes, or tendons have friction, which has no
-            derivative.
+        ConfigError: as `modes` does, or if tendons have friction, which has no derivative.
         SolveError: if the equilibrium is not stable.
     """
     if dynamics.problem.friction is not None:
@@ -110,6 +111,11 @@ def _linearisation(dynamics: Dynamics, state: MotionState, count: int) -> _Modal
     if count not in range(1, size + 1):
         raise ConfigError(f'number of modes is {shown(count)}, expected 1 to {size}')
     known = dynamics.still(state)
+    if not known.residual <= _AT_REST:
+        raise ConfigError(
+            f'the arm is not at rest: without its motion the residual of its balance is '
+            f'{known.residual:.1e}, expected at most {_AT_REST:g}'
+        )
     # With tensions held at every node tendons with friction stick.
     condition = Condition(known.at_nodes.tensions, state.tip_wrench)
     known = problem.evaluate(problem.at_nodes(condition), z)

@@ -57,9 +57,7 @@ from octo_arm_model.rod.tables import POSITION, TimeRule, places_at, tabulate
 from octo_arm_model.rod.winch_equations import BorderedSystem, WinchEquations
 
 RHO_INF = 0.85
-TOLERANCE = 1e-7  # residual of the balance at the end of a step
-# Places are rounded, so the tolerance of shorter steps is larger by this over the step squared.
-_ROUNDED = 5e-4
+TOLERANCE = 1e-7  # residual of the balance at the end of a step, but for rounding of places
 # Any progress is accepted, as a time step is halved if its search fails.
 _RULE = Rule(iterations=30, again=0.6, predicted=1.0, first=1.0, progress=1.0, shortest=0.01)
 _FEWER_POINTS = -2  # points of an element more than for an equilibrium
@@ -358,7 +356,7 @@ class Dynamics:
         if state.dt == dt:
             factors = state.factors
             guess += beta * dt * dt * (bend - last_bend)
-        tolerance = TOLERANCE * max(1.0, (_ROUNDED / dt) ** 2)
+        tolerance = max(TOLERANCE, problem.rounding / dt**2)
         target = inputs.condition._replace(before=state.history)
         balance, next_factors, iterations = self._balance(state, target, guess, factors, tolerance)
         self._require(balance, tolerance, iterations)

@@ -162,7 +162,7 @@ class WinchEquations:
         )
         changes = system.reeled_in(-by_tension)
         changes += np.diag(np.einsum('ij,ij->j', by_local, rates) + self._free)
-        if not np.isfinite(changes).all():
+        if not (np.isfinite(changes).all() and changes.diagonal().all()):
             raise ConvergenceError('the displacement of the tendons', np.inf, 0)
         return system._replace(changes=changes)
 

@@ -1,5 +1,6 @@
 """Dynamics: textbook frequencies, conservation laws, static limits and states."""
 
+import contextlib
 import copy
 import dataclasses
 import math
@@ -15,7 +16,9 @@ from scipy.integrate import trapezoid
 from scipy.linalg import expm
 
 from octo_arm_model import (
+    Arm,
     ArmDefinitionError,
+    Body,
     ConfigError,
     Discs,
     Dynamics,
@@ -28,6 +31,7 @@ from octo_arm_model import (
     OctoArmError,
     Plane,
     Pose,
+    Section,
     SolveError,
     Solver,
     TensionError,
@@ -382,6 +386,21 @@ def test_long_step_is_divided():
     assert np.linalg.norm(tips[1] - tips[2]) < 0.04 * TABLE4.length
 
 
+def test_large_soft_arm_moves_as_a_small_stiff_one_in_short_steps():
+    tips = []
+    for size, stress in ((1.0, 1.0), (8.0, 2.0**-6)):
+        body = Body(0.45 * size, 0.01 * size, 0.01 * size)
+        section = Section(0.45 * size, 0.006 * size, 0.006 * size, angles=(0.0, math.pi))
+        arm = Arm(Material(1e5 * stress, 0.5, 1000.0), body, (section,))
+        dynamics = Dynamics(Solver(arm, 'exact', stations=5))
+        inputs = Inputs([[0.1 * size**2 * stress, 0.0]])
+        dt = 1e-5 * size / math.sqrt(stress)
+        state = swing(dynamics, dynamics.at_rest(Inputs([[0.0, 0.0]])), inputs, 20 * dt, dt)
+        tips.append(dynamics.backbone(state).tip / size)
+    assert np.linalg.norm(tips[0] - [0.45, 0.0, 0.0]) > 1e-6
+    np.testing.assert_allclose(tips[1], tips[0], rtol=0.0, atol=1e-12)
+
+
 def test_inputs_change_linearly_and_steps_adapt_to_fast_motion():
     solver = Solver(TABLE4, 'exact', stations=5, loads=Loads(fluid_density=1022.0))
     dynamics = Dynamics(solver, WATER)
@@ -423,6 +442,25 @@ def test_crushed_arm_raises_an_error():
     undamped = Dynamics(dynamics.solver)
     with pytest.raises(SolveError, match='state a viscosity'):
         swing(undamped, undamped.at_rest(Inputs(SLACK)), Inputs(np.full((3, 4), 1e4)), 0.01, 2e-3)
+
+
+def test_winches_that_crush_an_arm_with_friction_end_or_are_refused():
+    arm = Arm(
+        Material(1e4, 0.4, density=1080.0),
+        Body(0.79, 0.027, 0.022),
+        (Section(0.79, 0.02, 0.007, (0.0, math.pi), (1.0, -3.7)),),
+        friction=(0.3,),
+    )
+    loads = Loads(tip_force=(-3e-4, -1.9e-3, 1.6e-3))
+    solver = Solver(arm, 'exact', stations=5, material='linear', shear=True, loads=loads)
+    dynamics, tensions = Dynamics(solver, MotionProperties(20.0)), np.array([[0.16, 0.0]])
+    state = dynamics.at_rest(Inputs(tensions))
+    with contextlib.suppress(SolveError):
+        for step, length in enumerate((0.014385, 0.016065, 0.017745)):
+            base = Pose((0.0, 0.016 * math.sin(0.3 * step), 0.0))
+            inputs = Inputs((1.0 - 0.05 * step) * tensions, {'tendon_1_1': length}, base=base)
+            state = dynamics.step(state, inputs, 0.0145)
+            assert dynamics.displacements(state)[0] >= length - 1e-6
 
 
 # What a dynamics has done before -----------------------------------------------------------------
@@ -516,6 +554,11 @@ def test_invalid_inputs_are_refused(inputs, dt, error, message):
         dynamics.step(state, inputs, dt)
 
 
+def _modes_of_a_moving_arm() -> None:
+    dynamics, state = _moving()
+    modes(dynamics, dynamics.step(state, Inputs(2.0 * PULL), 5e-3))
+
+
 @pytest.mark.parametrize(
     ('build', 'message'),
     [
@@ -525,6 +568,7 @@ def test_invalid_inputs_are_refused(inputs, dt, error, message):
         (lambda: MotionProperties(added_mass=-1.0), 'motion.added_mass'),
         (lambda: MotionProperties(viscosity=1.0, damping_time=1.0), 'motion.damping_time'),
         (lambda: linearise(*_moving(0.2)), 'linear model'),
+        (_modes_of_a_moving_arm, 'not at rest'),
         *((partial(modes, *_moving(), count), 'number of modes') for count in (0, 2.5, 'six')),
     ],
 )
