@@ -277,7 +277,6 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
 
     The stress of this law is unbounded at zero length, unlike that of real materials.
     """
-    stretch = z[:, 3]
     if problem.tables.law != LINEAR:
         shortest = _shortest_fibres(problem.tables, z)
         node = int(np.argmin(shortest))
@@ -287,7 +286,7 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
                 f'{problem.elements.s[node]:.4g} m (to {shortest[node]:.2g} of its length, must '
                 f'be > {SHORTEST_FIBRE})'
             )
-    check_compression(problem.elements.s, stretch)
+    check_compression(problem.elements.s, z[:, 3])
 
 
 def check_compression(s: FloatArray, stretch: FloatArray) -> None:
@@ -323,10 +322,9 @@ def _check_tendons(problem: Problem, state: State) -> None:
     problem.load_work(state)
     tables = problem.tables
     path = tables.tendons[..., [ALONG_N, ALONG_B]]
-    displaced = path + problem.work.offsets
-    squared = (displaced * displaced).sum(axis=-1)
-    farthest = np.maximum((path * path).sum(axis=-1), tables.body[:, RADIUS, np.newaxis] ** 2)
-    outside = (squared > farthest) & (state.at_nodes.tensions > 0.0) & (tables.compliance > 0.0)
+    distance = np.linalg.norm(path + problem.work.offsets, axis=-1)
+    outside = distance > np.maximum(np.linalg.norm(path, axis=-1), tables.body[:, [RADIUS]])
+    outside &= (state.at_nodes.tensions > 0.0) & (tables.compliance > 0.0)
     _refuse(problem, outside.any(axis=1), 'press a tendon out of the body', 'its sheath is')
 
 

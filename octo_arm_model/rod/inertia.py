@@ -48,8 +48,7 @@ from octo_arm_model.rod.tables import (
     TimeRule,
 )
 
-# Rounding error of places over the length of the arm.
-_ROUNDED = 4e-16
+_ROUNDED = 4e-16  # rounding error of places over the length
 
 
 class MovingProblem(Problem):
@@ -61,8 +60,7 @@ class MovingProblem(Problem):
         origin: origin of positions [m], (3,), as rounding of large ones would accelerate the rod.
         base: position from the origin [m] and quaternion w, x, y, z of the base, (7,).
         is_viscous: whether viscosity damps the rod.
-        rounding: residual by the inertia of rounding errors of places, times the square of the
-            time step [s^2].
+        rounding: residual by rounding errors of places, times the square of a time step [s^2].
     """
 
     def __init__(
@@ -116,9 +114,8 @@ class MovingProblem(Problem):
         )
         self.is_viscous = bool(self.moving.viscous.any())
         resisting = elements.to_tip @ (section[:, MASS] + section[:, ADDED])
-        moment = elements.to_tip @ resisting / tables.body[:, LEVER]
-        accelerated = np.maximum(resisting, moment) / self.tables.least_scale
-        self.rounding = _ROUNDED * arm.length * float(accelerated.max())
+        resisting = np.maximum(resisting, elements.to_tip @ resisting / tables.body[:, LEVER])
+        self.rounding = _ROUNDED * arm.length * float((resisting / self.tables.least_scale).max())
         self.origin, self.base = np.zeros(3), np.array([*np.zeros(3), *tables.base])
         self.rest = TimeRule(
             0.0,

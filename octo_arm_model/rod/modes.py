@@ -112,10 +112,8 @@ def _linearisation(dynamics: Dynamics, state: MotionState, count: int) -> _Modal
         raise ConfigError(f'number of modes is {shown(count)}, expected 1 to {size}')
     known = dynamics.still(state)
     if not known.residual <= _AT_REST:
-        raise ConfigError(
-            f'the arm is not at rest: without its motion the residual of its balance is '
-            f'{known.residual:.1e}, expected at most {_AT_REST:g}'
-        )
+        residual = f'{known.residual:.1e}, expected at most {_AT_REST:g}'
+        raise ConfigError(f'the arm is not at rest: without motion its residual is {residual}')
     # With tensions held at every node tendons with friction stick.
     condition = Condition(known.at_nodes.tensions, state.tip_wrench)
     known = problem.evaluate(problem.at_nodes(condition), z)

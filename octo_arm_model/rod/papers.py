@@ -256,7 +256,7 @@ class Papers(Statics):
             SolveError: if a cross section is compressed to nothing (1 + q <= 0), or the nodes do
                 not resolve the strains.
         """
-        level = self.rod.first_level(None, target)
+        level = self.rod.first_level(target.before)
         while True:
             try:
                 shape, error = self.shape(level, target)
@@ -315,7 +315,7 @@ class Papers(Statics):
         if start is not None:
             tensions = start.state.condition.tensions
             initial = target._replace(tensions=np.where(target.driven, tensions, target.tensions))
-            start = self.shape(self.rod.first_level(None, initial), initial)[0].equilibrium
+            start = self.shape(self.rod.first_level(initial.before), initial)[0].equilibrium
         result = self._winches.solve(target, start, spending)
         target = target._replace(tensions=result.state.condition.tensions)
         return self.shape(result.level, target)[0], result.state.reeled

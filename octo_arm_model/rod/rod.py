@@ -240,7 +240,7 @@ class Rod:
         """
         if start is None:
             return None
-        least = 0 if before is None else max(self.level_of(before), 0)
+        least = self.first_level(before)
         if start.level < least:
             return self.on_level(start, least)
         while start.level > least:
@@ -252,11 +252,9 @@ class Rod:
             start = coarser
         return start
 
-    def first_level(self, start: Equilibrium | None, target: Condition) -> int:
-        """Return the level on which a search begins."""
-        if start is not None:
-            return start.level
-        return 0 if target.before is None else max(self.level_of(target.before), 0)
+    def first_level(self, before: FloatArray | None) -> int:
+        """Return the level on which a search begins if tendons slide from tensions ``before``."""
+        return 0 if before is None else max(self.level_of(before), 0)
 
     def _unloaded_equilibrium(self, target: Condition) -> Equilibrium:
         """Find the balance of every cross section by itself, on enough nodes for the accuracy."""
@@ -350,7 +348,7 @@ class Rod:
             target = self.at_level(target, level)
             verdict = follow(problem, initial, z, target, spending, step=_RESTART_STEP)
         else:
-            level = self.first_level(None, target)
+            level = self.first_level(target.before)
             verdict = self._from_unloaded(target, level, spending)
         return self._equilibrium(verdict, level, spending.iterations)
 
@@ -469,11 +467,8 @@ class Rod:
         """Whether there is no finer level than this one."""
         if level == len(LEVELS) - 1:
             return True
-        nodes, (cuts, more), (next_cuts, next_more) = (
-            self.problem(level).elements,
-            LEVELS[level],
-            LEVELS[level + 1],
-        )
+        nodes = self.problem(level).elements
+        (cuts, more), (next_cuts, next_more) = LEVELS[level : level + 2]
         points = nodes.points - more + next_more
         return nodes.lengths.size // cuts * next_cuts * points > MAX_NODES
 

@@ -277,8 +277,8 @@ class Solver:
         count, stations = math.prod(axes), self.grid.s.size
         wrenches = np.broadcast_to(wrench, (*axes, 6))
         rows = tensions.reshape(count, len(self.arm.tendons))
-        on_tips = wrenches.reshape(count, 6)
-        solved = self._statics.solve_many(rows, on_tips, start_equilibrium, history)
+        loads = wrenches.reshape(count, 6)
+        solved = self._statics.solve_many(rows, loads, start_equilibrium, history)
         local = solved.tensions
         shapes = Shapes(
             solved.position.reshape(*axes, stations, 3),

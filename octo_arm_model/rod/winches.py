@@ -215,7 +215,7 @@ class _Search:
 
     def _from_unloaded(self) -> Equilibrium:
         """Search from the unloaded arm: winches reel in first, then loads act."""
-        rod, target, level = self._rod, self._target, self._rod.first_level(None, self._target)
+        rod, target, level = self._rod, self._target, self._rod.first_level(self._target.before)
         condition, equations = rod.at_level(target, level), self._equations(level)
         if rod.has_obstacles:
             # Loads act from the beginning, because they press the arm against the obstacles. The
