@@ -10,7 +10,7 @@ import argparse
 import contextlib
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,35 +44,30 @@ examples:
 """
 
 
-class Crawl:
-    """A movement of all arms, each an eighth of a period ahead of the previous arm."""
+def crawling(node: Node, config: Config, movement: str, topic: str) -> Callable[[], None]:
+    """Return a function that publishes tensions for the present time, each on a topic by ``node``.
 
-    def __init__(self, node: Node, config: Config, movement: str, topic: str) -> None:
-        """Publish tensions for eight arms of ``config`` by ``node``, on a ``topic`` for each arm.
+    Each of the eight arms of ``config`` is an eighth of a period ahead of the previous one in the
+    ``movement``; the ``topic`` is in the namespace of the arm.
 
-        Raises:
-            ProfileError: if there is no such ``movement`` for this arm, or it is beyond the limit
-                of a tendon.
-        """
-        from octo_arm_model.ros.client.commands import CommandPublisher
+    Raises:
+        ProfileError: if there is no such ``movement`` for this arm, or it is beyond the limit of a
+            tendon.
+    """
+    from octo_arm_model.ros.client.commands import CommandPublisher
 
-        self._node = node
-        self._profile = find_profile(movement, config.arm)
-        check_profile(self._profile, config.arm, tendon_limits(config))
-        self._publishers = [
-            CommandPublisher(node, f'arm_{number}/{topic}', config)
-            for number in range(1, ARMS + 1)
-        ]
-        self._began = time.monotonic()
+    profile, began = find_profile(movement, config.arm), time.monotonic()
+    check_profile(profile, config.arm, tendon_limits(config))
+    names = [f'arm_{number}/{topic}' for number in range(1, ARMS + 1)]
+    publishers = [CommandPublisher(node, name, config) for name in names]
 
-    def step(self) -> None:
-        """Publish tensions of the present time."""
-        now = time.monotonic()
-        stamp = self._node.get_clock().now().to_msg()
-        for number, publisher in enumerate(self._publishers):
-            behind = self._profile.duration * number / ARMS
-            tensions = self._profile.at(now - self._began + behind, loop=True)
-            publisher.publish(tensions, stamp, FRAME)
+    def publish() -> None:
+        elapsed, stamp = time.monotonic() - began, node.get_clock().now().to_msg()
+        for number, publisher in enumerate(publishers):
+            ahead = profile.duration * number / ARMS
+            publisher.publish(profile.at(elapsed + ahead, loop=True), stamp, FRAME)
+
+    return publish
 
 
 def describe(clients: Sequence[ArmClient]) -> str:
@@ -184,7 +179,8 @@ def _show(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         stack.enter_context(demo.own_domain(_PROG, '/arm_1'))
         node = stack.enter_context(client_node(_PROG))
-        crawl = Crawl(node, config, options.movement or demo.movement_of(config.arm), topic)
+        movement = options.movement or demo.movement_of(config.arm)
+        crawl = crawling(node, config, movement, topic)
         clients = [ArmClient(node, f'arm_{number}') for number in range(1, ARMS + 1)]
         for client in clients:
             client.listen({**POSES, 'strains': DETAILS['strains']})
@@ -198,7 +194,7 @@ def _show(options: argparse.Namespace) -> int:
         line = stack.enter_context(StatusLine(sys.stdout, demo.LINE_PERIOD))
         due = time.monotonic()
         while not is_over() and not ended(started):
-            crawl.step()
+            crawl()
             for client in clients:
                 client.poll()
             if server is not None:

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_TABLE_POINTS
-from octo_arm_model.arm.validation import finite, positive, real_numbers, set_fields
+from octo_arm_model.arm.validation import check_fields, finite, positive, real_numbers, set_fields
 
 _POINTS = 1001  # of the spline of fifth degree whose derivative is that of a function
 
@@ -68,8 +68,7 @@ class Linear(Profile):
     length: float
 
     def __post_init__(self) -> None:
-        numbers = {name: finite(f'linear.{name}', value) for name, value in vars(self).items()}
-        set_fields(self, **numbers)
+        check_fields(self, 'linear.', dict.fromkeys(vars(self), (finite,)))
 
     def value(self, s: ArrayLike) -> FloatArray:
         """Return the values at ``s`` [m]."""

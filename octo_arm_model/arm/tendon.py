@@ -16,6 +16,7 @@ from octo_arm_model.arm.limits import MAX_DISCS
 from octo_arm_model.arm.profile import Constant, Linear, Profile
 from octo_arm_model.arm.validation import (
     check_class,
+    check_fields,
     finite,
     not_negative,
     positive,
@@ -106,14 +107,9 @@ class Section:
     twist: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        set_fields(
-            self,
-            anchorage=positive('section.anchorage', self.anchorage, 'm'),
-            offset_base=not_negative('section.offset_base', self.offset_base, 'distance', 'm'),
-            offset_anchorage=not_negative(
-                'section.offset_anchorage', self.offset_anchorage, 'distance', 'm'
-            ),
-        )
+        offset = not_negative, 'distance', 'm'
+        checks = {'offset_base': offset, 'offset_anchorage': offset, 'anchorage': (positive, 'm')}
+        check_fields(self, 'section.', checks)
         check_class('section.angles', self.angles, Iterable)
         check_class('section.twist', self.twist, Iterable)
         angles = tuple(check_angle('section.angles', angle) for angle in self.angles)

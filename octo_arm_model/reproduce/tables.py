@@ -8,7 +8,7 @@ import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config import paper_data
-from octo_arm_model.config.config import Config, load_config
+from octo_arm_model.config.config import load_config
 from octo_arm_model.config.paper_data import Tensions
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
 from octo_arm_model.rod.backbone import Backbone
@@ -19,15 +19,9 @@ STATIONS = 401  # enough for a smooth drawing of the coiled tip
 
 
 @functools.cache
-def config(preset: str) -> Config:
-    """Return the configuration of an arm of the paper: fem, prototype, table2 or table4."""
-    return load_config(preset_path(f'renda2012_{preset}'))
-
-
-@functools.cache
 def solver(preset: str, model: str) -> Solver:
-    """Return the solver of the paper's arm ``preset`` by a ``model``."""
-    return config(preset).solver(model, STATIONS)
+    """Return the solver of an arm of the paper, fem, prototype, table2 or table4, by a ``model``."""
+    return load_config(preset_path(f'renda2012_{preset}')).solver(model, STATIONS)
 
 
 @functools.cache

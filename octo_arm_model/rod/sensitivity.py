@@ -22,7 +22,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
-from octo_arm_model.arm.validation import check_class, not_negative
+from octo_arm_model.arm.validation import check_class, check_fields, not_negative
 from octo_arm_model.rod.equilibrium import Equilibrium, Problem
 from octo_arm_model.rod.factors import LazyFactors
 from octo_arm_model.rod.loads import along, in_sections, pose_rates
@@ -107,10 +107,10 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         """Check that every standard deviation is finite and not negative."""
-        for name, unit in _UNITS.items():
-            value = getattr(self, name)
-            value = not_negative(f'uncertainty.{name}', value, 'standard deviation', unit)
-            object.__setattr__(self, name, value)
+        checks = {
+            name: (not_negative, 'standard deviation', unit) for name, unit in _UNITS.items()
+        }
+        check_fields(self, 'uncertainty.', checks)
 
     @functools.cached_property
     def is_any(self) -> bool:

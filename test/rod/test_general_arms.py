@@ -138,7 +138,7 @@ def test_parameters_describe_tables_tendons_and_loads():
     assert arm.body.radius(0.2) == pytest.approx(0.01)
     assert arm.material.youngs_modulus_at(0.1) == pytest.approx(1e5)
     n, b = arm.tendon_offsets(np.array([0.3]))
-    assert_allclose(np.arctan2(b[0], n[0]), 2.0)
+    assert_allclose(np.arctan2(b[:, 0], n[:, 0]), [2.0, 1.0, 3.0])
     assert config.loads.points[1] == PointLoad(0.2, (0.0, 0.01, 0.0))
     assert config.uncertainty == Uncertainty(0.1, 0.05)
     backbone = config.solver().solve([0.1, 0.2, 0.0])
