@@ -20,7 +20,7 @@ STATIONS = 401  # enough for a smooth drawing of the coiled tip
 
 @functools.cache
 def solver(preset: str, model: str) -> Solver:
-    """Return the solver of an arm of the paper, fem, prototype, table2 or table4, by a ``model``."""
+    """Return a solver by ``model`` of an arm of the paper: fem, prototype, table2 or table4."""
     return load_config(preset_path(f'renda2012_{preset}')).solver(model, STATIONS)
 
 
