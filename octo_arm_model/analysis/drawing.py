@@ -1,7 +1,7 @@
 """The geometry of solved arms: triangles, discs, lines, uncertainty, and self-intersection."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,12 @@ from octo_arm_model.rod.rotations import axes_of, quaternion_product
 from octo_arm_model.rod.section_formulas import widening
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.rod.stations import interpolated, nearest
+
+
+def in_millimetres(axis: Any, label: str) -> None:
+    """Show numbers in mm at an ``axis`` of a figure with data in m."""
+    axis.set_major_formatter(lambda metres, _: f'{1e3 * metres:g}')
+    axis.set_label_text(f'{label} [mm]')
 
 
 def equal_axes(points: FloatArray, half: float = 0.53) -> FloatArray:
@@ -100,9 +106,7 @@ def _nearest(
 
 
 SIDES = 12
-# A screen does not resolve more rings.
-MOST_RINGS = 101
-
+MOST_RINGS = 101  # a screen does not resolve more
 SLACK_COLOUR = (0.6, 0.6, 0.6, 1.0)
 TAUT_COLOUR = (1.0, 0.0, 0.0, 1.0)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from octo_arm_model.analysis.drawing import equal_axes
+from octo_arm_model.analysis.drawing import equal_axes, in_millimetres
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import check_out, writing
 from octo_arm_model.rod.backbone import Backbone
@@ -42,10 +42,9 @@ def run(options: argparse.Namespace) -> None:
     """Find the modes, and print and draw them."""
     config, _ = arguments.read_moving_arm(options)
     check_out(options, '--plot', folder=False, draws=True)
-    tensions = np.zeros(config.arm.tension_shape)
+    dynamics, tensions = config.dynamics(), np.zeros(config.arm.tension_shape)
     if options.tensions is not None:
         tensions = arguments.read_tensions(options.tensions, config.arm)
-    dynamics = config.dynamics()
     state = dynamics.at_rest(Inputs(tensions))
     found = modes(dynamics, state, options.count)
     if options.plot:
@@ -70,12 +69,13 @@ def draw_modes(path: Path, result: Modes, backbone: Backbone) -> None:
     size = 0.2 * backbone.s[-1]
     for number, shape in enumerate(result.shapes, start=1):
         axes = figure.add_subplot(-(-count // 4), min(count, 4), number, projection='3d')
-        for amplitude in (-1.0, 0.0, 1.0):
-            line = backbone.position + amplitude * size * shape
-            axes.plot(*line.T, color='0.6' if amplitude else 'C0')
+        for amplitude, colour in ((-size, '0.6'), (0.0, 'C0'), (size, '0.6')):
+            axes.plot(*(backbone.position + amplitude * shape).T, color=colour)
         axes.set_title(f'{result.frequencies[number - 1]:.4g} Hz')
         # All axes have the same range, around the middle of the arm.
         for axis, ends in zip('xyz', equal_axes(backbone.position, 0.6)):
             axes.set(**{f'{axis}lim': ends})
+            in_millimetres(getattr(axes, f'{axis}axis'), axis)
         axes.locator_params(nbins=4)
-    figure.savefig(path, dpi=120, format='png')
+        axes.set_box_aspect(None, zoom=0.8)  # leaves room for the labels
+    figure.savefig(path, dpi=120, format='png', bbox_inches='tight')

@@ -14,6 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
+from octo_arm_model.analysis.drawing import in_millimetres
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.camera import CameraErrors
@@ -216,7 +217,8 @@ def _draw_tip(moving: ModelComparison) -> Any:
         measured = [step.measured[-1, axis] for step in steps]
         tips.plot(time, measured, '.', color=line.get_color(), markersize=3.0)
     errors.plot(time, [1e3 * step.errors.tip for step in steps])
-    tips.set(ylabel='tip [m]', title='The model (lines) and measured (dots)')
+    tips.set(title='The model (lines) and measured (dots)')
+    in_millimetres(tips.yaxis, 'tip')
     errors.set(xlabel='time [s]', ylabel='error of the tip [mm]')
     errors.set_ylim(bottom=0.0)
     for panel in (tips, errors):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.drawing import equal_axes, obstacle_mesh
+from octo_arm_model.analysis.drawing import equal_axes, in_millimetres, obstacle_mesh
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
@@ -194,7 +194,8 @@ def draw_motion(
     axes = figure.add_subplot(1, 2, 1)
     times = [one.time for one in moments]
     axes.plot(times, [one.backbone.tip for one in moments], label=[f'tip {one}' for one in _AXES])
-    axes.set(xlabel='time [s]', ylabel='position [m]')
+    axes.set(xlabel='time [s]')
+    in_millimetres(axes.yaxis, 'position')
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
     space = figure.add_subplot(1, 2, 2, projection='3d')
@@ -247,8 +248,9 @@ def _frame(space: Any, moments: Sequence[Moment], obstacles: Sequence[Obstacle])
     ends = equal_axes(points, 0.5)
     half, middle = 0.5 * float(np.ptp(ends[0])), ends.mean(axis=1)
     limits = {f'{name}lim': one for name, one in zip(_AXES, ends)}
-    labels = {f'{name}label': f'{name} [m]' for name in _AXES}
-    space.set(**limits, **labels, box_aspect=(1.0, 1.0, 1.0))
+    space.set(**limits, box_aspect=(1.0, 1.0, 1.0))
+    for name in _AXES:
+        in_millimetres(getattr(space, f'{name}axis'), name)
     for obstacle in obstacles:
         vertices, triangles = obstacle_mesh(obstacle, middle, half)
         if (np.abs(vertices - middle) < half).all(axis=1).any():
