@@ -72,7 +72,6 @@ def draw_modes(path: Path, result: Modes, backbone: Backbone) -> None:
         for amplitude, colour in ((-size, '0.6'), (0.0, 'C0'), (size, '0.6')):
             axes.plot(*(backbone.position + amplitude * shape).T, color=colour)
         axes.set_title(f'{result.frequencies[number - 1]:.4g} Hz')
-        # All axes have the same range, around the middle of the arm.
         for axis, ends in zip('xyz', equal_axes(backbone.position, 0.6)):
             axes.set(**{f'{axis}lim': ends})
             in_millimetres(getattr(axes, f'{axis}axis'), axis)
