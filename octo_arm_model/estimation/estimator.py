@@ -186,8 +186,8 @@ class Estimator:
         if moments and not index and (self._is_cut or time < moments[-1].time - self._window):
             self.late += 1
             raise MeasurementError(
-                f'measured at {time:.6g} s, before the window, which begins at '
-                f'{moments[0].time:.6g} s'
+                f'measured {moments[-1].time - time:.4g} s before the newest measurement, '
+                f'before the window of {self._window:g} s'
             )
         # A moment can be computed again only if the one before it is stored.
         if index > self._is_cut and moments[index - 1].time == time:

@@ -161,7 +161,8 @@ DETAILS: dict[str, Any] = {
     estimate.TIP_WRENCH: WrenchStamped,
     estimate.CONTACT: WrenchStamped,
 }
-_MOST_PROBLEMS, _LONGEST_PROBLEM = 64, 1000  # status names kept, and characters of each problem
+_MOST_PROBLEMS, _LONGEST_PROBLEM = 64, 1000  # problems kept, and characters of each
+_STALE = 5.0  # [s] without news after which a problem is forgotten, as that of a node that ended
 _DIAGNOSTICS_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -200,7 +201,7 @@ class ArmClient:
         self._description = Topic(node, String, description, LATCHED_QOS)
         self._diagnostics = Topic(node, DiagnosticArray, '/diagnostics', _DIAGNOSTICS_QOS)
         self._topics: dict[str, Topic] = {}
-        self._problems: dict[str, str] = {}
+        self._problems: dict[str, tuple[float, str]] = {}  # time of the news [s] and words
         # By a clock that does not jump; `received` and stamps are by the clock of the system.
         self._meter, self._counted, self._heard = Meter(), 0, 0.0
         self._text = ''
@@ -246,17 +247,25 @@ class ArmClient:
                 config = Config.from_parameters(parse_parameters(self._text, 'arm_description'))
                 self._commands.use(config)
                 self.config = config
+        oldest, told = time.monotonic() - _STALE, self._problems
+        self._problems = {name: told[name] for name in told if told[name][0] > oldest}
         for message in self._diagnostics.take():
             self._read_status(message)
         before = self.shape
         for name, topic in self._topics.items():
             for data, info in topic.take_raw():
-                self._problems[name] = ''
+                problem = ''
                 try:
                     self._read(name, data, info)
                 except MessageError as error:
-                    self._problems[name] = f'{name}: {error}'
+                    problem = f'{name}: {error}'
+                self._note(name, problem)
         return self.shape is not before
+
+    def _note(self, source: str, problem: str) -> None:
+        """Keep the ``problem`` that a topic or a status has now, or ''."""
+        if source in self._problems or len(self._problems) < _MOST_PROBLEMS:
+            self._problems[source] = time.monotonic(), problem
 
     def _read(self, name: str, data: bytes, info: dict[str, Any]) -> None:
         if self.config is None:
@@ -308,7 +317,10 @@ class ArmClient:
 
         They come from its newest diagnostics, invalid messages, and a second publisher of shapes.
         """
-        problems = [problem for problem in self._problems.values() if problem]
+        oldest = time.monotonic() - _STALE
+        problems = [
+            words for told_at, words in self._problems.values() if words and told_at > oldest
+        ]
         if (nodes := self._publisher_count) > 1:
             problems.insert(0, f'{nodes} nodes publish shapes on {self._prefix}{_SHAPES}')
         return '; '.join(problems)
@@ -349,9 +361,7 @@ class ArmClient:
             task = status.name.rpartition(': ')[2]
             if task == 'simulator':
                 self.is_paused = any(item.value == PAUSED for item in status.values)
-            if status.name not in self._problems and len(self._problems) >= _MOST_PROBLEMS:
-                continue
-            self._problems[status.name] = ''
             # The output warns of skipped tensions, which are expected at high rates.
-            if status.level != DiagnosticStatus.OK and task != 'output':
-                self._problems[status.name] = f'{task}: {status.message}'[:_LONGEST_PROBLEM]
+            is_well = status.level == DiagnosticStatus.OK or task == 'output'
+            problem = '' if is_well else f'{task}: {status.message}'[:_LONGEST_PROBLEM]
+            self._note(status.name, problem)

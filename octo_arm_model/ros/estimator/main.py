@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -17,7 +17,6 @@ from rclpy.node import Node
 
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
 from octo_arm_model.estimation.measurement import Measurement
@@ -33,7 +32,6 @@ from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.measurements import (
     MEASUREMENT_TOPICS,
     MeasuredArm,
-    MeasurementMessage,
     displacements_of,
     tensions_of,
 )
@@ -107,7 +105,6 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         """
         super().__init__(node, TABLE, PreparedEstimator.of, EstimatePublishers)
         self._estimator: Estimator | None = None
-        self._measured: MeasuredArm | None = None
         self._newest: dict[str, Stamp] = {}  # of the measurements in the estimate, by topic
         self._status = EstimateStatus()
         self._diagnostics.parts.append(self._status.report)
@@ -116,12 +113,11 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._reset_estimate()
         for topic, message in MEASUREMENT_TOPICS.items():
             self._inputs.subscribe(
-                message_class(message.type_name), topic, partial(self._measure, message)
+                message_class(message.type_name), topic, partial(self._measure, message.read)
             )
 
-    def _measure(self, sensor: MeasurementMessage, topic: str, reading: Any) -> None:
-        measurement = sensor.read(reading, self._measured_arm())
-        self._take(topic, Stamp.of(reading.header.stamp), measurement)
+    def _measure(self, read: Callable[..., Measurement], topic: str, message: Any) -> None:
+        self._take(topic, stamp_of(message), read(message, self._measured_arm()))
 
     def _close(self) -> None:
         self._estimator = None
@@ -129,11 +125,6 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
 
     def _change_arm(self, previous: PreparedEstimator | None, arm: PreparedEstimator) -> None:
         config, settings = arm.config, arm.settings
-
-        def pose_of(frame: str, stamp_ns: int) -> Pose:
-            return self._frames.pose_of(frame, config.base_frame, stamp_ns)
-
-        self._measured = MeasuredArm(config, settings.noise, pose_of)
         if previous is not None and self._estimator is not None and not arm.estimates_as(previous):
             self._reset_estimate()
         self._node.get_logger().info(
@@ -148,16 +139,18 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         return estimator
 
     def _measured_arm(self) -> MeasuredArm:
-        assert self._measured is not None  # set by `_change_arm`
-        return self._measured
+        config, settings = self._arm.config, self._arm.settings
+        return MeasuredArm(
+            config,
+            settings.noise,
+            lambda frame, stamp_ns: self._frames.pose_of(frame, config.base_frame, stamp_ns),
+        )
 
     def _on_readings(self, topic: str, stamp: Stamp | None, readings: FloatArray) -> None:
-        measurement = tensions_of(readings, self._measured_arm())
-        self._take(topic, stamp, measurement, is_tensions=True)
+        self._take(topic, stamp, tensions_of(readings, self._measured_arm()), is_tensions=True)
 
     def _on_motors(self, field: str, topic: str, message: Any) -> None:
-        measurement = displacements_of(message, self._measured_arm(), field)
-        self._take(topic, stamp_of(message), measurement)
+        self._measure(partial(displacements_of, field=field), topic, message)
 
     def _take(
         self,

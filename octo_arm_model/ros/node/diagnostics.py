@@ -245,7 +245,7 @@ class Diagnostics:
             {
                 'rate [Hz]': f'{lately["received"] / self._period:.1f}',
                 'age of the newest stamp [s]': (
-                    '' if self._last is None else f'{now - self._last:.3f}'
+                    '' if self._last is None or not now else f'{now - self._last:.3f}'
                 ),
                 'source': ', '.join(topics),
                 'publishers': sum(publishers.values()),

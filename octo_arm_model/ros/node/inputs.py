@@ -69,7 +69,6 @@ class Inputs:
         self._open: dict[str, LatestSubscription] = {}
         self._last_subscribed = 0.0
         self._waiting: collections.deque[_WaitingMessage] = collections.deque()
-        self._is_due = False
         steady_timer(node, _PERIOD, self._expire)
 
     def subscribe(
@@ -107,7 +106,6 @@ class Inputs:
             self.unsubscribe(topic)
         self.work.clear()
         self._waiting.clear()
-        self._is_due = False
 
     def answer_latest(self) -> None:
         """Answer the latest message of each topic, unless it is answered already."""
@@ -159,18 +157,16 @@ class Inputs:
 
     def look_again(self) -> None:
         """Queue the work of reading the waiting messages whose needs are known by now."""
-        if self._waiting and not self._is_due:
-            self._is_due = True
+        if self._waiting:
             self.work.add(self._read_next)
 
     def _read_next(self) -> bool:
         """Read the oldest message whose needs are known; return whether there was one."""
         ready = next((message for message in self._waiting if message.error.is_known()), None)
-        self._is_due = ready is not None
         if ready is not None:
             self._waiting.remove(ready)
             self.attempt(ready.topic, ready.read, 0)
-        return self._is_due
+        return ready is not None
 
     def _expire(self) -> None:
         while self._waiting and self._waiting[0].until < time.monotonic():

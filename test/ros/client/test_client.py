@@ -1,6 +1,7 @@
 """Clients of nodes: what is made of messages, and the command load."""
 
 import contextlib
+from types import SimpleNamespace
 
 import live_nodes
 import numpy as np
@@ -16,6 +17,7 @@ from octo_arm_model import load_config
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import preset_path
+from octo_arm_model.ros.client import client as client_module
 from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
 from octo_arm_model.ros.estimator.main import EstimatorNode
 from octo_arm_model.ros.node.outputs import LATCHED_QOS, OUTPUT_QOS
@@ -125,7 +127,7 @@ def test_numbers_that_nothing_can_be_drawn_of_are_a_problem(case):
         assert not client.tip_deviation.any()
 
 
-def test_problems_are_bounded():
+def test_problems_are_bounded_and_forgotten_with_the_node_that_had_them(monkeypatch):
     with contextlib.closing(Reading({})) as ros:
         client = ros.reader
         publisher = ros.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -135,6 +137,10 @@ def test_problems_are_bounded():
         publisher.publish(DiagnosticArray(status=status))
         ros.wait(lambda: client.poll() or client.problem, 'problems')
         assert len(client.problem) < 70_000
+        monkeypatch.setattr(client_module, 'time', SimpleNamespace(monotonic=lambda: 1e9))
+        assert not client.poll() and not client.problem
+        publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name='b: new', **bad)]))
+        ros.wait(lambda: client.poll() or client.problem.startswith('new: x'), 'another node')
 
 
 @pytest.fixture

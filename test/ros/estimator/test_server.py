@@ -130,7 +130,7 @@ def test_late_measurements_count_within_the_window_and_are_refused_beyond_it(cli
     assert after.prod() < before.prod()  # with this noise a single one may grow
     heard = len(client.answers['tip_pose'])
     late = partial(client.send, 'measured/markers', 999.5)
-    client.log('/measured/markers refused: measured at', again=late)
+    client.log('/measured/markers refused: measured 0.68', 'window of 0.2 s', again=late)
     assert int(client.status('estimate')[1]['came too late']) >= 1
     assert len(client.answers['tip_pose']) == heard
 
