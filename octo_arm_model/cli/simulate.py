@@ -12,6 +12,7 @@ from octo_arm_model.simulation.movements import find_profile
 from octo_arm_model.simulation.moving_arm import (
     STEP,
     animate,
+    check_animation,
     draw_motion,
     simulate,
     write_motion_csv,
@@ -49,7 +50,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='movement of octo-arm play --list, or a CSV or YAML file',
     )
     arguments.add_highest(parser, 'what the arm bears', ' of rotating, ramps, steps and sweeps')
-    arguments.add_number(parser, '--step', STEP, 'step of the integration [s]', 'S')
+    arguments.add_number(parser, '--step', STEP, 'longest step of the integration [s]', 'S')
     arguments.add_number(parser, '--rate', 50.0, 'written moments per second', 'HZ')
     arguments.add_number(parser, '--hold', 0.0, 'time after the end of the profile [s]', 'S')
     arguments.add_path(parser, '--out', 'BAG', 'new bag to write')
@@ -70,10 +71,13 @@ def run(options: argparse.Namespace) -> None:
     if len(set(files)) < len(files):
         raise ConfigError('--csv, --plot and --animate are expected to be different files')
     profile = find_profile(options.profile, config.arm, arguments.read_highest(options))
-    timing = options.step, options.rate, options.hold
+    if options.animate is not None:
+        check_animation((profile.duration + options.hold) * options.rate, options.rate)
     start = time.monotonic()
     with Bar('moments') as bar:
-        moments = simulate(config.dynamics(), profile, *timing, bar)
+        moments = simulate(
+            config.dynamics(), profile, options.step, options.rate, options.hold, bar
+        )
         if options.out is None:
             motion = list(moments)
         else:
@@ -85,15 +89,14 @@ def run(options: argparse.Namespace) -> None:
                 motion = add_motion(writer, config, parameters, moments)
     elapsed = time.monotonic() - start
     around, what = config.loads.obstacles, options.profile
-    if options.csv is not None:
-        with writing(options.csv) as place:
-            write_motion_csv(place, motion, config.arm.tendon_names)
-    if options.plot is not None:
-        with writing(options.plot) as place:
-            draw_motion(place, motion, what, around)
-    if options.animate is not None:
-        with writing(options.animate) as place, Bar('frames') as bar:
-            animate(place, motion, options.rate, what, around, bar)
+    for path, write in (
+        (options.csv, lambda place: write_motion_csv(place, motion, config.arm.tendon_names)),
+        (options.plot, lambda place: draw_motion(place, motion, what, around)),
+        (options.animate, lambda place: animate(place, motion, options.rate, what, around, bar)),
+    ):
+        if path is not None:
+            with writing(path) as place, Bar('frames') as bar:
+                write(place)
     tip = ', '.join(f'{1e3 * c:.2f}' for c in motion[-1].backbone.tip)
     fastest = max(float(np.linalg.norm(one.tip_velocity)) for one in motion)
     print(f'{motion[-1].time:.4g} s simulated in {elapsed:.4g} s')

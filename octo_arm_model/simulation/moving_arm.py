@@ -140,18 +140,17 @@ def simulate(
 ) -> Iterator[Moment]:
     """Yield moments of the arm of ``dynamics``, from the equilibrium at the start of ``profile``.
 
-    Moments have a ``rate`` [Hz], and the integration has a ``step`` [s]. After the profile the
-    last tensions act for a time ``hold`` [s].
+    Moments have a ``rate`` [Hz], and the integration equal steps of at most a ``step`` [s]
+    between them. After the profile the last tensions act for a time ``hold`` [s].
 
     Raises:
-        ConfigError: if there would be too many moments, or the rate is beyond that of steps.
+        ConfigError: if there would be too many moments.
         SolveError: if no step succeeds; the message states the time.
     """
-    every = round(1.0 / (positive('step', step, 's') * positive('rate', rate, 'Hz')))
+    period = 1.0 / positive('rate', rate, 'Hz')
+    steps = math.ceil(period / positive('step', step, 's') - 1e-9)
     duration = profile.duration + not_negative('hold', hold, 'time', 's')
-    if every < 1:
-        raise ConfigError(f'rate is {rate:g} Hz, expected at most one moment for each step')
-    moments = math.floor(duration / (every * step) + 1e-9)
+    moments = math.floor(duration * rate + 1e-9)
     if moments > MAX_PROFILE_ROWS:
         raise ConfigError(f'{moments} moments, expected at most {MAX_PROFILE_ROWS}')
     shape = dynamics.solver.arm.tension_shape
@@ -161,14 +160,12 @@ def simulate(
 
     state = dynamics.at_rest(inputs(0.0))
     for number in range(moments + 1):
-        yield Moment(
-            number * every * step, dynamics.backbone(state), dynamics.velocities(state)[-1]
-        )
+        yield Moment(number * period, dynamics.backbone(state), dynamics.velocities(state)[-1])
         progress(number, moments)
         if number < moments:
-            for part in range(1, every + 1):
-                now = inputs((number * every + part) * step)
-                state = dynamics.go_on(state, now, step, step)
+            for part in range(1, steps + 1):
+                now = inputs((number + part / steps) * period)
+                state = dynamics.go_on(state, now, period / steps, period)
 
 
 def write_motion_csv(path: Path, moments: Sequence[Moment], names: Sequence[str]) -> None:
@@ -207,6 +204,14 @@ def draw_motion(
     figure.savefig(path, dpi=120, format='png')
 
 
+def check_animation(frames: float, rate: float) -> None:
+    """Raise ConfigError if `animate` does not draw so many ``frames``, or not at a ``rate``."""
+    if frames > _MOST_FRAMES:
+        raise ConfigError(f'{frames:.0f} frames, expected at most {_MOST_FRAMES}: a lower rate')
+    if not 0.0016 <= rate <= 100.0:
+        raise ConfigError(f'rate is {rate:g}, expected 0.0016 to 100 Hz for a GIF')
+
+
 def animate(
     path: Path,
     moments: Sequence[Moment],
@@ -222,10 +227,6 @@ def animate(
     from matplotlib.animation import PillowWriter
     from matplotlib.figure import Figure
 
-    if len(moments) > _MOST_FRAMES:
-        raise ConfigError(f'{len(moments)} frames, expected at most {_MOST_FRAMES}: a lower rate')
-    if not 0.0016 <= rate <= 100.0:
-        raise ConfigError(f'rate is {rate:g}, expected 0.0016 to 100 Hz for a GIF')
     figure = Figure(figsize=(5.0, 5.0), layout='constrained')
     space = figure.add_subplot(projection='3d')
     (line,) = space.plot(*moments[0].backbone.position.T, linewidth=3.0)

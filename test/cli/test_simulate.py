@@ -56,6 +56,9 @@ def test_a_simulation_is_the_same_in_bag_and_table(profile, tmp_path, cli):
     assert len(poses) == len(rows)
     _, last = read_poses(poses[-1])
     assert_allclose(last[-1, :3], rows[-1, 1:4], rtol=1e-6)
+    assert cli(f'{SIMULATE} {profile} --rate 30 --csv {again}')[0] == 0
+    times = np.loadtxt(again, delimiter=',', skiprows=1)[:, 0]
+    assert_allclose(times, np.arange(10) / 30, atol=1e-9)
     # It lags behind its equilibrium, and the same options give the same numbers.
     assert np.abs(rows[-1, 4:7]).max() > 1e-3
     assert cli(f'{held} {again}')[0] == 0
@@ -73,6 +76,7 @@ def test_pictures_of_a_simulation(profile, tmp_path, cli):
     for rate in (1e-3, 250):
         said = cli(f'{SIMULATE} {profile} --rate {rate} --animate {gif}')
         assert said[0] == 2 and f'rate is {rate:g}, expected 0.0016 to 100 Hz for a GIF' in said[2]
+        assert 'moments' not in said[2]  # It is refused before the arm moves.
     # An obstacle is in the picture where it is near the arm.
     shape = load_config('renda2012_table4').solver('exact').solve(np.zeros((3, 4)))
     moments, seen = [Moment(time, shape, np.zeros(3)) for time in (0.0, 1.0)], []
@@ -86,7 +90,7 @@ def test_pictures_of_a_simulation(profile, tmp_path, cli):
     ('command', 'message'),
     [
         (f'{SIMULATE} PROFILE --model renda2012', 'does not move: expected exact'),
-        (f'{SIMULATE} PROFILE --rate 1e4', 'at most one moment for each step'),
+        (f'{SIMULATE} PROFILE --rate 1e9', 'moments, expected at most'),
         (f'{SIMULATE} PROFILE --step 0', 'step is 0'),
         (f'{SIMULATE} PROFILE --hold 1e9', 'moments, expected at most'),
         (f'{SIMULATE} PROFILE --csv one --plot one', 'different files'),
