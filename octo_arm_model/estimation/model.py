@@ -100,7 +100,8 @@ class ArmModel:
         dead = dataclasses.replace(dead, scaled=self._scaled)
         options.setdefault('budget', BUDGET)
         self.solver = Solver(arm, model, loads=dead, **options)
-        self.tendon_compliance = arm.tendon_compliance(self.solver.rest_lengths.ravel())
+        stretching = arm.stretching_lengths(self.solver.rest_lengths.ravel())
+        self.tendon_compliance = arm.stretched(stretching)
         if unknowns.tip_force or unknowns.tip_moment:
             self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
 

@@ -305,22 +305,6 @@ def test_slack_tendon_has_zero_tension():
     assert estimate.tension_bias[1] == pytest.approx(expected, rel=1e-3)
 
 
-def test_force_returns_to_its_prior_without_sensors():
-    model = rubber(FORCE_AT_TIP)
-    at = truth(model, np.array([0.0, 0.008, -0.005]))
-    estimator = Filter(model)
-    tensions, tip = Tensions(TENSIONS, 0.01), TipPosition(at.solved.tip, 1e-3)
-    first = estimator.add(0.0, [tensions, tip])
-    later = estimator.add(10.0, [tensions])
-    # After ten correlation times the force has its prior again.
-    stddev = np.sqrt(np.diag(later.tip_wrench_covariance)[:3])
-    np.testing.assert_allclose(stddev, 0.01, rtol=1e-3)
-    np.testing.assert_allclose(later.tip_wrench[:3], 0.0, atol=1e-5)
-    assert len(later.unobserved) == 3
-    again = estimator.add(10.1, [tensions, tip])
-    np.testing.assert_allclose(again.tip_wrench, first.tip_wrench, atol=1e-3)
-
-
 @pytest.mark.parametrize('wrong', ['0.5', True, None])
 def test_values_that_are_not_numbers_are_refused(wrong):
     for build, names in (

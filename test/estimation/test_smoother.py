@@ -1,4 +1,4 @@
-"""The smoother: agreement with the filter, optimality and consistency."""
+"""The smoother: optimality and consistency."""
 
 import itertools
 
@@ -7,7 +7,6 @@ import pytest
 from estimation_arms import TENSIONS, rubber
 
 from octo_arm_model.arm.errors import MeasurementError
-from octo_arm_model.estimation.estimator import Filter
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
@@ -34,25 +33,6 @@ def simulate(
         recording.append((0.1 * step, data))
         states.append(x.copy())
     return recording, np.array(states)
-
-
-def test_smoother_equals_the_filter_at_the_last_time():
-    model = rubber(UNKNOWNS)
-    recording, _ = simulate(model, 1, 7)
-    recursive = Filter(model)
-    filtered = [recursive.add(*step) for step in recording]
-    smoothed = smooth(model, recording)
-    stddev = np.sqrt(np.diag(filtered[-1].covariance))
-    np.testing.assert_allclose(smoothed[-1].mean / stddev, filtered[-1].mean / stddev, atol=0.1)
-    np.testing.assert_allclose(np.diag(smoothed[-1].covariance) / stddev**2, 1.0, atol=0.05)
-    # Earlier variances are smaller, because later measurements are used.
-    for later, estimate in zip(smoothed, filtered):
-        assert (np.diag(later.covariance) <= 1.02 * np.diag(estimate.covariance)).all()
-    force = model.state.tip_force
-    assert (
-        np.diag(smoothed[1].covariance)[force].sum()
-        < 0.9 * np.diag(filtered[1].covariance)[force].sum()
-    )
 
 
 def test_smoothed_states_are_the_optimum_of_the_cost():
