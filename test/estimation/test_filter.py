@@ -150,21 +150,6 @@ def test_exact_tip_pose_gives_the_wrench(arm, law):
     np.testing.assert_allclose(estimate.backbone.position, shape.position, atol=1e-8)
 
 
-def test_exact_displacements_and_base_wrench_give_tensions_and_force():
-    model = rubber(FORCE_AT_TIP, loads=WEIGHT)
-    at = truth(model, np.array([0.004, 0.012, -0.008]))
-    lengths = model.solver.rest_lengths.ravel() - at.tendon_lengths
-    wrench = -BaseWrench(np.zeros(6), 1.0).innovation(at)
-    data = [
-        Tensions(TENSIONS + [0.02, 0.0, -0.01, 0.01], 0.02),
-        TendonDisplacements(lengths, 1e-6),
-        BaseWrench(wrench, 1e-6),
-    ]
-    estimate = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, data)
-    np.testing.assert_allclose(estimate.tensions, TENSIONS, atol=1e-3)
-    np.testing.assert_allclose(estimate.tip_wrench, model.tip_wrench(at.x), atol=1e-5)
-
-
 def test_force_on_a_robot_with_discs_is_found():
     discs = Discs.evenly(4, RUBBER.length, 0.004, 0.002)
     arm = dataclasses.replace(RUBBER, body=Body(0.2, 0.0075, 0.0075), discs=discs)
