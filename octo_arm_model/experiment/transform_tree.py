@@ -91,23 +91,22 @@ class TransformTree:
         """Add a transform from ``child`` to ``parent``; of static ones the last one holds.
 
         Raises:
-            MeasurementError: if the child has another parent already, or is its own parent.
+            MeasurementError: if it is not static and the child has another parent already, or if
+                the child is its own parent.
         """
         if parent == child:
             raise MeasurementError(f'the frame {child!r} is its own parent')
-        link = self._links.get(child, _Link(parent, is_static))
+        # A static one replaces all before, as in tf2: the frame may be elsewhere now.
+        link = None if is_static else self._links.get(child)
+        link = link or _Link(parent, is_static)
         if link.parent != parent:
             raise MeasurementError(
                 f'the parent of {child!r} is {parent!r}, expected {link.parent!r} as before'
             )
         self._links.pop(child, None)
         self._links[child] = link  # the newest comes last
-        if is_static:
-            link.is_static = True
-            link.clear()
-        elif link.is_static:
-            return
-        link.add(stamp_ns, (*translation, *quaternion))
+        if is_static or not link.is_static:
+            link.add(stamp_ns, (*translation, *quaternion))
 
     def connects(self, one: str, other: str) -> bool:
         """Whether transforms connect the frames ``one`` and ``other``."""

@@ -572,7 +572,8 @@ def test_circles_and_second_parents_are_refused():
         tree.add('c', 'b', 1, np.zeros(3), np.eye(4)[3], False)
     with pytest.raises(MeasurementError, match="the frame 'z' is its own parent"):
         tree.add('z', 'z', 1, np.zeros(3), np.eye(4)[3], True)
-    assert tree.chain('w') == ['w', 'z']
+    tree.add('x', 'w', 1, np.zeros(3), np.eye(4)[3], True)  # moved to another place
+    assert tree.chain('w') == ['w', 'x']
 
 
 def test_a_pose_in_another_frame_is_that_of_the_transforms_between():
