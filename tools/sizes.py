@@ -16,10 +16,10 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_850,
+    'octo_arm_model': 44_860,
     'octo_arm_model/analysis': 1_600,
     'octo_arm_model/apps': 450,
-    'octo_arm_model/arm': 2_450,
+    'octo_arm_model/arm': 2_460,
     'octo_arm_model/bags': 2_570,
     'octo_arm_model/cli': 3_070,
     'octo_arm_model/config': 1_720,

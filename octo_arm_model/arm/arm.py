@@ -260,6 +260,13 @@ class Arm:
         """
         return lengths + np.array(self.free_length or 0.0)
 
+    def tendon_compliance(self, lengths: FloatArray) -> FloatArray:
+        """Return the axial compliance of each tendon from anchorage to winch [m/N], (tendons,).
+
+        ``lengths`` (tendons,) [m] are those within the unloaded arm.
+        """
+        return self.stretched(self.stretching_lengths(lengths))
+
     def stretched(self, tension_integrals: FloatArray) -> FloatArray:
         """Return elongations of tendons [m] by integrals of tension [N m], both (..., tendons)."""
         stiffness = np.array(self.axial_stiffness or 0.0)

@@ -100,8 +100,7 @@ class ArmModel:
         dead = dataclasses.replace(dead, scaled=self._scaled)
         options.setdefault('budget', BUDGET)
         self.solver = Solver(arm, model, loads=dead, **options)
-        stretching = arm.stretching_lengths(self.solver.rest_lengths.ravel())
-        self.tendon_compliance = arm.stretched(stretching)
+        self.tendon_compliance = arm.tendon_compliance(self.solver.rest_lengths.ravel())
         if unknowns.tip_force or unknowns.tip_moment:
             self.solver.check_tip_wrench(np.full(6, np.finfo(float).tiny))  # a model with loads
 

@@ -469,7 +469,7 @@ class Solver:
         Each is the length in the unloaded arm plus the stretch under `LoadLimits.force`.
         """
         rest = self.rest_lengths.ravel()
-        return rest + self.arm.stretched(self._limits.force * self.arm.stretching_lengths(rest))
+        return rest + self._limits.force * self.arm.tendon_compliance(rest)
 
     def check_displacements(self, displacements: FloatArray, tendons: Sequence[int]) -> None:
         """Check ``displacements`` [m], one for each of the ``tendons``, given by number.
