@@ -19,6 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from octo_arm_model.ros.client.client import Topic
+from octo_arm_model.ros.topics import decoded
 from octo_arm_model.simulation.movements import tendon_limits
 
 LIMITS = tendon_limits(CONFIG)
@@ -122,7 +123,8 @@ class Attacked(Setup):
         return Page(self.number, **options).read()
 
     def hear(self):
-        new = [np.array(message.tension) for message in self._topic.take()]
+        messages = [decoded(data, TendonTensions) for data, _ in self._topic.take_raw()]
+        new = [np.array(message.tension) for message in messages]
         self.commands += new
         self.last = new[-1] if new else self.last
         return self.commands

@@ -60,10 +60,6 @@ class Topic:
         """Return the serialised messages since the last call, oldest first, as many as queued."""
         return list(take_all(self._subscription, self._kind))
 
-    def take(self) -> list[Any]:
-        """Return the messages since the last call; MessageError if one cannot be deserialised."""
-        return [decoded(data, self._kind) for data, _ in self.take_raw()]
-
 
 class Meter:
     """Measures the rate of events over the last two seconds."""
@@ -152,6 +148,7 @@ def _variances(name: str, covariance: Any) -> FloatArray:
 
 # Topics and types of the backbone, and of further quantities at the same stations.
 _SHAPES = 'backbone/poses'
+_DESCRIPTION, _DIAGNOSTICS = 'arm_description', '/diagnostics'
 POSES: dict[str, Any] = {_SHAPES: PoseArray}
 DETAILS: dict[str, Any] = {
     'strains': SectionStrains,
@@ -197,9 +194,10 @@ class ArmClient:
         self.command_topic = node.resolve_topic_name(self._prefix + TOPIC)
         self._namespace = self.command_topic.rpartition('/')[0]
         self._commands = CommandPublisher(node, self._prefix + TOPIC)
-        description = self._prefix + 'arm_description'
-        self._description = Topic(node, String, description, LATCHED_QOS)
-        self._diagnostics = Topic(node, DiagnosticArray, '/diagnostics', _DIAGNOSTICS_QOS)
+        self._always = {
+            _DESCRIPTION: Topic(node, String, self._prefix + _DESCRIPTION, LATCHED_QOS),
+            _DIAGNOSTICS: Topic(node, DiagnosticArray, _DIAGNOSTICS, _DIAGNOSTICS_QOS),
+        }
         self._topics: dict[str, Topic] = {}
         self._problems: dict[str, tuple[float, str]] = {}  # time of the news [s] and words
         # By a clock that does not jump; `received` and stamps are by the clock of the system.
@@ -238,21 +236,11 @@ class ArmClient:
         """Take the messages that have arrived; return whether there is a new shape.
 
         Raises:
-            OctoArmError: if the description of the arm or a diagnostics message is invalid.
+            OctoArmError: if the description of the arm is none of an arm.
         """
-        for message in self._description.take():
-            if message.data != self._text:
-                self._text, self.config = message.data, None
-                self._forget()
-                config = Config.from_parameters(parse_parameters(self._text, 'arm_description'))
-                self._commands.use(config)
-                self.config = config
-        oldest, told = time.monotonic() - _STALE, self._problems
+        before, told, oldest = self.shape, self._problems, time.monotonic() - _STALE
         self._problems = {name: told[name] for name in told if told[name][0] > oldest}
-        for message in self._diagnostics.take():
-            self._read_status(message)
-        before = self.shape
-        for name, topic in self._topics.items():
+        for name, topic in (*self._always.items(), *self._topics.items()):
             for data, info in topic.take_raw():
                 problem = ''
                 try:
@@ -268,7 +256,11 @@ class ArmClient:
             self._problems[source] = time.monotonic(), problem
 
     def _read(self, name: str, data: bytes, info: dict[str, Any]) -> None:
-        if self.config is None:
+        if name == _DESCRIPTION:
+            self._read_description(decoded(data, String).data)
+        if name == _DIAGNOSTICS:
+            self._read_status(decoded(data, DiagnosticArray))
+        if name in self._always or self.config is None:
             return
         if name == _SHAPES:
             self._read_shape(data, info)
@@ -295,6 +287,14 @@ class ArmClient:
         else:
             variances = _variances('covariance', np.reshape(message.pose.covariance, (6, 6)))
             self.tip_deviation = np.sqrt(variances[:3])
+
+    def _read_description(self, text: str) -> None:
+        if text != self._text:
+            self._text, self.config = text, None
+            self._forget()
+            config = Config.from_parameters(parse_parameters(text, _DESCRIPTION))
+            self._commands.use(config)
+            self.config = config
 
     def _read_shape(self, data: bytes, info: dict[str, Any]) -> None:
         received = 1e-9 * (info.get('received_timestamp') or time.time_ns())

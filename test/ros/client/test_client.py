@@ -141,6 +141,9 @@ def test_problems_are_bounded_and_forgotten_with_the_node_that_had_them(monkeypa
         assert not client.poll() and not client.problem
         publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name='b: new', **bad)]))
         ros.wait(lambda: client.poll() or client.problem.startswith('new: x'), 'another node')
+        publisher.publish(b'')
+        no_message = '/diagnostics: 0 bytes that are no DiagnosticArray'
+        ros.wait(lambda: client.poll() or no_message in client.problem, 'no message')
 
 
 @pytest.fixture
