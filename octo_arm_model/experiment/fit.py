@@ -47,6 +47,7 @@ _TOLERANCE = 1e-8  # relative change of the sum of squares below which steps end
 _EVALUATIONS = 100
 _EXACT = 1e-9  # norm of residuals over the length that is rounding
 _STEP = 1e-4  # step of differences over the scale of an unknown
+_PULL = 1e-3  # relative change of what acts on a tendon for differences
 _NO_ANSWER = (SolveError, TensionError, ArmDefinitionError)
 
 
@@ -110,7 +111,11 @@ class Problem:
 
     def solve_steps(self, x: FloatArray) -> SolvedSteps:
         """Solve all steps; tendons with friction continue from the previous step."""
-        solver, inputs = self.unknowns.solver(x), self.unknowns.inputs(x)
+        return self._under(x, self.unknowns.inputs(x))
+
+    def _under(self, x: FloatArray, inputs: FloatArray) -> SolvedSteps:
+        """Solve all steps under ``inputs`` as those of `Unknowns.inputs`."""
+        solver = self.unknowns.solver(x)
         solve = wound_at if self.unknowns.readings.are_lengths else followed
         steps = SolvedSteps(solver, tuple(solve(solver, inputs)))
         curves, lengths = [Curve(shape.position) for shape in steps.backbones], []
@@ -210,6 +215,21 @@ class Problem:
         """Return the derivative of the `residuals` of each step by x, (m, 3, unknowns)."""
         pairs = zip(self.jacobian(x), self.shapes, strict=True)
         return [part[len(part) - len(shape.points) :] for part, shape in pairs]
+
+    def camera_by_pull(self, x: FloatArray) -> list[FloatArray]:
+        """Return the change of the `residuals` of each step by the pull of each tendon at ``x``.
+
+        It is per relative change of the tension or length, (m, 3, tendons), 0 for a slack tendon.
+        """
+        inputs, before = self.unknowns.inputs(x), self.residuals(x)
+        found = [np.zeros((*away.shape, inputs.shape[1])) for away in before]
+        for tendon in np.flatnonzero(np.nan_to_num(inputs).any(axis=0)):
+            pulled = inputs.copy()
+            pulled[:, tendon] *= 1.0 + _PULL
+            after = self._camera(x, self._under(x, pulled))
+            for change, old, new in zip(found, before, after, strict=True):
+                change[..., tendon] = (new - old) / _PULL
+        return found
 
     def encoder_scale(self, x: FloatArray) -> float:
         """Return the scale of the encoder residuals at ``x`` [m], that is their accuracy."""

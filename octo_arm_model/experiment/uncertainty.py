@@ -114,15 +114,16 @@ def folds_of(loads: list[list[int]]) -> list[list[int]]:
 def model_error(problem: Problem, x: FloatArray, away: Sequence[FloatArray]) -> float:
     """Return the distance at left-out loads that noise and changes at single steps leave [m].
 
-    ``away`` has the residuals of each step (m, 3) [m]; a change at a single step is one of those
-    components of ``x`` that belong to the arm.
+    ``away`` has the residuals of each step (m, 3) [m]; changes at a single step are of those
+    components of ``x`` that belong to the arm, and of the pull of each tendon.
     """
     columns = [n for n, name in enumerate(problem.unknowns.names) if is_of_arm(name)]
     squares = []
-    for residuals, derivatives in zip(away, problem.camera_jacobian(x), strict=True):
-        rest, by = residuals.ravel(), derivatives.reshape(residuals.size, -1)[:, columns]
-        if columns:
-            rest = rest - by @ np.linalg.lstsq(by, rest, rcond=None)[0]
+    for residuals, by_x, by_pull in zip(
+        away, problem.camera_jacobian(x), problem.camera_by_pull(x), strict=True
+    ):
+        by, _ = _normalised(np.concatenate([by_x[..., columns], by_pull], axis=-1))
+        rest = residuals.ravel() - by @ np.linalg.lstsq(by, residuals.ravel(), rcond=_SINGULAR)[0]
         squares.append(rest @ rest / len(residuals))
     return float(np.sqrt(max(float(np.mean(squares)) - noise_of(problem.shapes) ** 2, 0.0)))
 
@@ -246,7 +247,7 @@ def _normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return derivatives (3 points, n) with columns of norm 1, and the norms."""
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     norms = np.linalg.norm(flat, axis=0)
-    return flat / norms, norms
+    return flat / np.where(norms > 0.0, norms, 1.0), norms
 
 
 def determined(

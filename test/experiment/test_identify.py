@@ -481,6 +481,15 @@ def test_the_error_of_a_wrong_model_is_in_the_interval_and_said():
     assert not any('biases the estimates' in note for note in right.notes)
 
 
+def test_wrong_tensions_of_two_tendons_are_no_error_of_the_model():
+    """They turn the plane of bending, which no modulus does."""
+    rng = np.random.default_rng(0)
+    pulls = np.array([[2, 0], [3, 0], [0, 2], [1, 3], [2, 2], [3, 1]]) @ np.eye(2, 4)
+    lines = [midline('closed_form', pull * rng.normal(1.0, 0.03, 4), 21) for pull in pulls]
+    found = identify(shapes(lines, pulls, rng, 1e-5), PARAMETERS, 'closed_form')
+    assert found.after.rms > 5e-4 and found.floor < 1e-4
+
+
 def lost(steps: list[MeasuredShape]) -> list[MeasuredShape]:
     """The ``steps``, half a midline of which is from elsewhere."""
     points = steps[2].points.copy()
