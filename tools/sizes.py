@@ -17,14 +17,14 @@ _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
     'octo_arm_model': 44_860,
-    'octo_arm_model/analysis': 1_600,
+    'octo_arm_model/analysis': 1_590,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_460,
     'octo_arm_model/bags': 2_570,
     'octo_arm_model/cli': 3_070,
     'octo_arm_model/config': 1_720,
     'octo_arm_model/estimation': 3_660,
-    'octo_arm_model/experiment': 6_210,
+    'octo_arm_model/experiment': 6_220,
     'octo_arm_model/reproduce': 1_040,
     'octo_arm_model/rod': 11_300,
     'octo_arm_model/ros': 4_800,

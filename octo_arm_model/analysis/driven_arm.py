@@ -1,6 +1,6 @@
 """Tendons driven by length or by tension, message by message, for the node and for replay."""
 
-import dataclasses
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -139,38 +139,29 @@ class DrivenArm:
         self.forgotten += 1
         # The shape is still the start of the continuation of a loaded arm.
         assert self._shape is not None
-        without = dataclasses.replace(self._shape, point_tensions=None)
-        wound = self._last
-        self._last = (
-            dataclasses.replace(wound, backbone=without) if isinstance(wound, Wound) else without
-        )
+        last, shape = self._last, replace(self._shape, point_tensions=None)
+        self._last = replace(last, backbone=shape) if isinstance(last, Wound) else shape
 
     def _answer(
         self, solver: Solver, config: Config, tip_wrench: FloatArray | None, has_covariance: bool
     ) -> Answer:
         tensions = np.zeros(config.arm.tension_shape) if self.tensions is None else self.tensions
         if not self.displacements:
-            backbone = self._last = solver.follow(tensions, self._shape, tip_wrench)
+            self._last = solver.follow(tensions, self._shape, tip_wrench)
         else:
-            backbone = self._wound(solver, config, tensions, tip_wrench)
+            pairs = zip(config.arm.tendon_names, tensions.ravel().tolist(), strict=True)
+            driven = {name: one for name, one in pairs if name not in self.displacements}
+            self._last = solve_displacements(
+                solver, self.displacements, driven, self._last, tip_wrench
+            )
+        backbone = self._shape
+        assert backbone is not None
         if not has_covariance:
             return Answer(backbone, None)
         try:
             return Answer(backbone, self._covariance(solver, config.uncertainty))
         except OctoArmError as error:
             return Answer(backbone, None, error)
-
-    def _wound(
-        self, solver: Solver, config: Config, tensions: FloatArray, tip_wrench: FloatArray | None
-    ) -> Backbone:
-        driven = {
-            name: float(tension)
-            for name, tension in zip(config.arm.tendon_names, tensions.ravel(), strict=True)
-            if name not in self.displacements
-        }
-        wound = solve_displacements(solver, self.displacements, driven, self._last, tip_wrench)
-        self._last = wound
-        return wound.backbone
 
     def _covariance(self, solver: Solver, uncertainty: Uncertainty) -> FloatArray:
         """Return the covariance (6, 6) of the pose of the tip of the last shape."""

@@ -1,8 +1,9 @@
 """The inverse: bounded tensions of least effort for a target shape, and the remaining error.
 
 Optimisers of SciPy have analytic derivatives. Bounded least squares from several starts minimises
-the error. If the tensions that reach the target are not unique, sequential quadratic programming
-then minimises the effort among them.
+the error: a trust region inside the bounds finds a minimum, and one whose sides are the bounds
+converges to it where tendons are slack. If the tensions that reach the target are not unique,
+sequential quadratic programming then minimises the effort among them.
 """
 
 from collections.abc import Callable
@@ -26,6 +27,7 @@ from octo_arm_model.rod.solver import Solver
 REACHED = 1e-6
 _MET = 1e-10  # error over the length of the arm at which a search ends
 _STARTS = 8
+_STEPS = 40  # largest number of steps of each method in a local search
 _INDEPENDENT = 1e-6  # singular values below this part of the largest one count as zero
 _STIFFNESS_STEP = 1e-4  # step of a tension over its bound for the derivative of the stiffness
 
@@ -185,7 +187,6 @@ class _Search:
 
     def approach(self, part: FloatArray) -> FloatArray:
         """Return the local minimum of the error within the bounds that follows from ``part``."""
-        start = np.clip(part, 1e-6, 1.0 - 1e-6)
 
         def error(part: FloatArray) -> FloatArray:
             residual = self.error(part)
@@ -193,24 +194,23 @@ class _Search:
                 raise _Met(part.copy())
             return residual
 
+        minimum = np.clip(part, 0.0, 1.0)
         try:
-            last = least_squares(
-                error,
-                start,
-                self.jacobian,
-                (0.0, 1.0),
-                xtol=1e-12,
-                ftol=1e-12,
-                gtol=None,
-                x_scale=1.0,
-                max_nfev=60,
-            ).x
+            # The first method is slow near bounds; the second one stays at those it meets early.
+            for method, tolerance in (('trf', 1e-3), ('dogbox', 1e-12)):
+                minimum = least_squares(
+                    error,
+                    minimum,
+                    self.jacobian,
+                    (0.0, 1.0),
+                    method,
+                    xtol=tolerance,
+                    ftol=tolerance,
+                    gtol=None,
+                    max_nfev=_STEPS,
+                ).x
         except _Met as met:
-            last = np.asarray(met.args[0])
-        # The method stays off the bounds, so tensions below 1e-6 of their bound are set to zero.
-        rounded = np.where(last < 1e-6, 0.0, last)
-        is_near = self.distance(rounded) <= self.distance(last) + 1e-9 * self._solver.arm.length
-        minimum = np.asarray(rounded if is_near else last)
+            minimum = np.asarray(met.args[0])
         self._cache[minimum.tobytes()] = self._evaluate(minimum)
         return minimum
 
@@ -248,9 +248,7 @@ class _Search:
     def result(self, part: FloatArray) -> Inverse:
         error = self.distance(part)
         backbone, sensitivity = self._evaluate(part)
-        stiffness = None
-        if self._stiffness is not None:
-            stiffness = self._stiffness.of(sensitivity)
+        stiffness = None if self._stiffness is None else self._stiffness.of(sensitivity)
         target_error = float(np.linalg.norm(self._target.error(backbone)))
         reached = error <= REACHED * self._solver.arm.length
         return Inverse(backbone, target_error, reached, stiffness, self.iterations)

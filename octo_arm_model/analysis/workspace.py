@@ -5,7 +5,7 @@ Chunks have a fixed size, so that results do not depend on the number of process
 """
 
 import contextlib
-import operator
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,13 +114,10 @@ def sample_workspace(
     return Workspace(*arrays[:3], count - len(tip), box)
 
 
-def _whole(name: str, value: object, low: int, high: int | None = None) -> int:
-    limits = f'a whole number >= {low}' + (f' and <= {high}' if high is not None else '')
-    try:
-        number = operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        number = low - 1
-    if isinstance(value, bool) or number < low or (high is not None and number > high):
+def _whole(name: str, value: object, low: int, high: float = math.inf) -> int:
+    number = int(value) if isinstance(value, (int, np.integer)) else low - 1
+    if isinstance(value, bool) or not low <= number <= high:
+        limits = f'a whole number >= {low}' + (f' and <= {high}' if high < math.inf else '')
         raise ConfigError(f'{name} is {shown(value)}, expected {limits}')
     return number
 

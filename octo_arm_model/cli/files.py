@@ -65,7 +65,7 @@ class Bar(StatusLine):
     def _state(self) -> str:
         elapsed = max(time.monotonic() - self._start, 1e-9)
         if self._counts is None:
-            return f'{self._things}: starting, {elapsed:.0f} s'
+            return f'{self._things}: {elapsed:.0f} s'
         done, total = self._counts
         rate = done / elapsed
         if done == total:

@@ -12,6 +12,7 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.stiffness import default_highest
 from octo_arm_model.cli import arguments
+from octo_arm_model.cli.files import Bar
 from octo_arm_model.cli.solve import as_dict, millimetres
 from octo_arm_model.rod.backbone import Backbone
 
@@ -51,14 +52,13 @@ def run(options: argparse.Namespace) -> int:
     options.model = options.model or 'exact'
     config = arguments.read_config(options)
     solver = config.solver()
-    stiffness = None
-    if options.stiffness:
-        stiffness = Stiffness(options.stiffness[:3], options.stiffness[3])
+    stiffness = options.stiffness and Stiffness(options.stiffness[:3], options.stiffness[3])
     highest = arguments.read_highest(options)
     if highest is None:
         highest = default_highest(config.arm)
     target = _target(options)
-    inverse = find_tensions(solver, target, highest, stiffness=stiffness)
+    with Bar('search'):  # out of reach it takes seconds
+        inverse = find_tensions(solver, target, highest, stiffness=stiffness)
     errors = _errors(target, inverse.backbone)
     if options.json:
         content = {

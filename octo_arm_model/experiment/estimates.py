@@ -319,18 +319,12 @@ class EstimateTables(CsvFiles):
         self._estimates.writerow(row.values())
         for innovation in update.innovations:
             stddev = np.sqrt(np.diag(innovation.covariance))
-            for number, (value, size) in enumerate(zip(innovation.value, stddev, strict=True)):
-                self._innovations.writerow(
-                    [
-                        time,
-                        innovation.name,
-                        number,
-                        float(value),
-                        float(size),
-                        innovation.normalised_square,
-                        int(innovation.is_accepted),
-                    ]
-                )
+            verdict = innovation.normalised_square, int(innovation.is_accepted)
+            pairs = zip(innovation.value.tolist(), stddev.tolist(), strict=True)
+            self._innovations.writerows(
+                [time, innovation.name, number, *pair, *verdict]
+                for number, pair in enumerate(pairs)
+            )
 
 
 def _besides_contact(state: State) -> list[int]:

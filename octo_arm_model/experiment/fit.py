@@ -46,8 +46,7 @@ _SETTLED = 1e-2  # relative change of the scale below which rounds end
 _TOLERANCE = 1e-8  # relative change of the sum of squares below which steps end
 _EVALUATIONS = 100
 _EXACT = 1e-9  # norm of residuals over the length that is rounding
-_STEP = 1e-4  # step of differences over the scale of an unknown
-_PULL = 1e-3  # relative change of what acts on a tendon for differences
+_STEP = 1e-4  # step of differences over the scale of an unknown, or over a pull
 _NO_ANSWER = (SolveError, TensionError, ArmDefinitionError)
 
 
@@ -217,19 +216,16 @@ class Problem:
         return [part[len(part) - len(shape.points) :] for part, shape in pairs]
 
     def camera_by_pull(self, x: FloatArray) -> list[FloatArray]:
-        """Return the change of the `residuals` of each step by the pull of each tendon at ``x``.
+        """Return the change of the `residuals` of each step by pulls of the tendons at ``x``.
 
-        It is per relative change of the tension or length, (m, 3, tendons), 0 for a slack tendon.
+        It is per relative change of tensions or lengths, (m, 3, tendons that are ever pulled).
         """
         inputs, before = self.unknowns.inputs(x), self.residuals(x)
-        found = [np.zeros((*away.shape, inputs.shape[1])) for away in before]
-        for tendon in np.flatnonzero(np.nan_to_num(inputs).any(axis=0)):
-            pulled = inputs.copy()
-            pulled[:, tendon] *= 1.0 + _PULL
-            after = self._camera(x, self._under(x, pulled))
-            for change, old, new in zip(found, before, after, strict=True):
-                change[..., tendon] = (new - old) / _PULL
-        return found
+        columns = []
+        for tendon in np.eye(inputs.shape[1])[np.nan_to_num(inputs).any(axis=0)]:
+            after = self._camera(x, self._under(x, inputs * (1.0 + _STEP * tendon)))
+            columns.append([(new - old) / _STEP for old, new in zip(before, after, strict=True)])
+        return [np.stack(changes, axis=-1) for changes in zip(*columns, strict=True)]
 
     def encoder_scale(self, x: FloatArray) -> float:
         """Return the scale of the encoder residuals at ``x`` [m], that is their accuracy."""

@@ -62,8 +62,10 @@ def test_least_effort_fulfils_the_optimality_conditions(solver):
     assert (jacobian[:, ~is_free].T @ multipliers <= 1e-4).all()
 
 
-def test_tip_pose_is_reached(solver):
-    target = solver.solve(TENSIONS)
+@pytest.mark.parametrize('is_slack', [False, True])
+def test_tip_pose_is_reached(solver, is_slack):
+    parts, drawn = np.random.default_rng(6).uniform(size=(2, 3, 4))
+    target = solver.solve(HIGHEST * parts * (drawn < 0.6) if is_slack else TENSIONS)
     result = find_tensions(solver, TipPose(target.tip, target.quaternion[-1]), HIGHEST)
     assert result.reached
     rotation = Rotation.from_quat(np.array(result.backbone.quaternion[-1]))

@@ -300,9 +300,10 @@ def test_inverse_finds_tensions_whose_tip_is_where_it_was_wanted(cli, table4):
     assert_allclose(tip, [0.25, 0.1, -0.1], atol=1e-6)
 
 
-def test_inverse_of_what_is_out_of_reach_says_so_with_status_1(cli):
-    status, out, _ = cli('inverse', 'renda2012_prototype', '--tip', '2', '0', '0')
-    assert status == 1 and out.startswith('NOT REACHED')
+def test_inverse_of_what_is_out_of_reach_says_so_with_status_1(cli, monkeypatch):
+    monkeypatch.setattr('sys.stderr.isatty', lambda: True)
+    status, out, shown = cli('inverse', 'renda2012_prototype', '--tip', '2', '0', '0')
+    assert status == 1 and out.startswith('NOT REACHED') and 'search: 0 s' in shown
     assert re.search(r'error +17[34]\d mm', out)
 
 
