@@ -68,9 +68,8 @@ def _obstacles(given: Values) -> tuple[Obstacle, ...]:
     for number, kind in enumerate(types):
         make = _KINDS[kind]
         try:
-            obstacles.append(
-                make(**{n.name: columns[n.name][number] for n in dataclasses.fields(make)})
-            )
+            fields = [field.name for field in dataclasses.fields(make)]
+            obstacles.append(make(**{field: columns[field][number] for field in fields}))
         except ArmDefinitionError as error:
             name, at = error.field.partition('.')[2], f'{number}'
             if name in ('normal', 'axis'):  # of a plane, of a cylinder
