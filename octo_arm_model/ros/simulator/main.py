@@ -115,6 +115,7 @@ class SimulatorNode(CheckedNode):
             self.get_logger().warning(lost)
         if config.model.arm.tendon_names != previous.model.arm.tendon_names:
             self._command = np.zeros(len(config.model.arm.tendons))
+            self.get_logger().warning('all tendons go slack, as they have other names')
         elif (self._command > config.limits).any():
             self._command = np.minimum(self._command, config.limits)
             self.get_logger().warning('tendons go down to their new limits')

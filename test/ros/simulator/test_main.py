@@ -149,6 +149,8 @@ def test_winches_reel_in_lengths_and_their_encoders_read_them():
         controller.log('the profile leaves out, as driven by length: tendon_1_1 tendon_2_2')
         reel(JointState())
         controller.reach(given.ravel())
+        assert controller.change(tendon_names=[f'cable_{n}' for n in range(12)]) == (True, '')
+        controller.log('all tendons go slack, as they have other names')
 
 
 def test_encoders_read_an_arm_that_a_new_budget_suffices_for():
