@@ -31,7 +31,7 @@ MOST = {
     'octo_arm_model/simulation': 2_220,
     'octo_arm_model/viewer': 2_130,
     'octo_arm_model/wire': 1_380,
-    'test': 25_210,
+    'test': 25_230,
 }
 
 

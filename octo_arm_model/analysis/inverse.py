@@ -194,7 +194,7 @@ class _Search:
         def error(part: FloatArray) -> FloatArray:
             residual = self.error(part)
             if np.linalg.norm(residual) <= _MET * self._solver.arm.length:
-                raise _Met(part.copy())
+                raise _Met(np.where(part > 1e-9, part, 0.0))  # the first method stays off bounds
             return residual
 
         minimum = np.clip(part, 0.0, 1.0)

@@ -151,11 +151,13 @@ class RestShape:
             )
 
 
-# Checks of the sizes of all bodies.
+# Checks of the sizes of all bodies, and of those that may be profiles.
+_POSITIVE, _RADIUS = (positive, 'm'), (not_negative, 'radius', 'm')
 _SIZES = {
-    **dict.fromkeys(('length', 'radius_base', 'radius_tip', 'width', 'height'), (positive, 'm')),
-    **dict.fromkeys(('disc_radius', 'inner_radius'), (not_negative, 'radius', 'm')),
+    **dict.fromkeys(('length', 'radius_base', 'radius_tip'), _POSITIVE),
+    'disc_radius': _RADIUS,
 }
+_PROFILED = {'width': _POSITIVE, 'height': _POSITIVE, 'inner_radius': _RADIUS}
 
 
 class _Outline:
@@ -167,7 +169,8 @@ class _Outline:
     inner_radius: float | Profile = 0.0
 
     def __post_init__(self) -> None:
-        check_fields(self, 'body.', _SIZES, (Profile,))
+        check_fields(self, 'body.', _SIZES)
+        check_fields(self, 'body.', _PROFILED, (Profile,))
 
     @property
     def profiles(self) -> dict[str, Profile]:

@@ -50,12 +50,9 @@ class Material:
 
     def __post_init__(self) -> None:
         expected = 'a number in (-1, 0.5] [-]'
-        checks = {
-            'youngs_modulus': (positive, 'Pa'),
-            'poisson_ratio': (finite, expected),
-            'density': (not_negative, 'density', 'kg/m^3'),
-        }
+        checks = {'youngs_modulus': (positive, 'Pa'), 'poisson_ratio': (finite, expected)}
         check_fields(self, 'material.', checks, (Profile,))
+        check_fields(self, 'material.', {'density': (not_negative, 'density', 'kg/m^3')})
         ratio = self.poisson_ratio
         if not isinstance(ratio, Profile) and not -1.0 < ratio <= 0.5:
             raise ArmDefinitionError('material.poisson_ratio', ratio, expected)

@@ -154,9 +154,9 @@ degree of freedom less than there are loads that matter. They include what diffe
 another (noise, errors of single tensions) and a bias as large as the model error floor, the misfit
 at left-out loads beyond the noise. They do not include what looks like another modulus (a wrong
 length, friction while tensions only rise). The chosen model is the one that best explains loads
-that it was not fitted to. If others do as well up to chance with other values, that is reported,
-with the interval of all of them together. Without --loss, the loss with the smaller misfit at
-left-out loads is chosen.
+that it was not fitted to. If others with other values do as well, up to chance or 10 %,
+that is reported, with the interval of all of them together. Without --loss, the loss with the
+smaller misfit at left-out loads is chosen.
 
 """
     + RECORDINGS

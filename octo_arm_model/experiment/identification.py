@@ -208,10 +208,11 @@ def disagreements(fitted: Sequence[Identification]) -> list[str]:
                 continue
             low, high = envelope_of(fitted, name) or (-math.inf, math.inf)
             notes.append(
-                f'MODELS DISAGREE: {other.model} explains loads left out as well as {best.model}, '
-                f'up to chance ({rank(other) * 1e3:.3f} and {rank(best) * 1e3:.3f} mm), but says '
-                f'{name} {rival.value:.4g} {rival.unit} instead of {estimate.value:.4g}; these '
-                'data do not tell which, and an interval of one model does not hold this: all '
-                f'models near the best together say {low:.4g} to {high:.4g}'
+                f'MODELS DISAGREE: {other.model} explains loads left out as well as {best.model} '
+                f'up to chance or {_NEAR:.0%} ({rank(other) * 1e3:.3f} and '
+                f'{rank(best) * 1e3:.3f} mm), but says {name} {rival.value:.4g} {rival.unit} '
+                f'instead of {estimate.value:.4g}; these data do not tell which, and an interval '
+                f'of one model does not hold this: all models near the best together '
+                f'say {low:.4g} to {high:.4g}'
             )
     return notes

@@ -115,14 +115,15 @@ def model_error(problem: Problem, x: FloatArray, away: Sequence[FloatArray]) -> 
     """Return the distance at left-out loads that noise and changes at single steps leave [m].
 
     ``away`` has the residuals of each step (m, 3) [m]; changes at a single step are of those
-    components of ``x`` that belong to the arm, and of the pull of each tendon.
+    components of ``x`` that belong to the arm, and, unless they explain anything, of all pulls.
     """
     columns = [n for n, name in enumerate(problem.unknowns.names) if is_of_arm(name)]
     squares = []
-    for residuals, by_x, by_pull in zip(
-        away, problem.camera_jacobian(x), problem.camera_by_pull(x), strict=True
-    ):
-        by, _ = _normalised(np.concatenate([by_x[..., columns], by_pull], axis=-1))
+    steps = zip(away, problem.camera_jacobian(x), problem.camera_by_pull(x), strict=True)
+    for residuals, by_x, by_pull in steps:
+        by, _ = _normalised(np.concatenate([by_pull, by_x[..., columns]], axis=-1))
+        if np.linalg.matrix_rank(by, _SINGULAR) == residuals.size:
+            by = by[:, by_pull.shape[-1] :]
         rest = residuals.ravel() - by @ np.linalg.lstsq(by, residuals.ravel(), rcond=_SINGULAR)[0]
         squares.append(rest @ rest / len(residuals))
     return float(np.sqrt(max(float(np.mean(squares)) - noise_of(problem.shapes) ** 2, 0.0)))

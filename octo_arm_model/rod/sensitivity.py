@@ -107,9 +107,7 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         """Check that every standard deviation is finite and not negative."""
-        checks = {
-            name: (not_negative, 'standard deviation', unit) for name, unit in _UNITS.items()
-        }
+        checks = {one: (not_negative, 'standard deviation', unit) for one, unit in _UNITS.items()}
         check_fields(self, 'uncertainty.', checks)
 
     @functools.cached_property

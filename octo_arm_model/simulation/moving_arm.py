@@ -148,7 +148,7 @@ def simulate(
         SolveError: if no step succeeds; the message states the time.
     """
     period = 1.0 / positive('rate', rate, 'Hz')
-    steps = math.ceil(period / positive('step', step, 's') - 1e-9)
+    steps = max(math.ceil(period / positive('step', step, 's') - 1e-9), 1)
     duration = profile.duration + not_negative('hold', hold, 'time', 's')
     moments = math.floor(duration * rate + 1e-9)
     if moments > MAX_PROFILE_ROWS:

@@ -50,6 +50,12 @@ def test_tip_position_is_reached_with_less_effort(solver):
     assert effort(result.backbone.tensions) < 0.5 * effort(TENSIONS)
 
 
+def test_slack_tendons_have_no_tension(solver):
+    straight = solver.solve(0.0 * TENSIONS)
+    result = find_tensions(solver, TipPosition(straight.tip), HIGHEST, start=0.0 * TENSIONS)
+    assert result.reached and not result.backbone.tensions.any()
+
+
 def test_least_effort_fulfils_the_optimality_conditions(solver):
     result = find_tensions(solver, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
     fraction = (result.backbone.tensions / HIGHEST).ravel()

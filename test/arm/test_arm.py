@@ -75,6 +75,13 @@ def test_values_that_are_not_positive_are_refused(field, build, bad):
     assert (refusal.value.field, refusal.value.value) == (field, bad) or bad is math.nan
 
 
+def test_numbers_that_are_one_for_the_whole_arm_are_no_profiles():
+    makes = (lambda one: Body(one, 1.0, 1.0), lambda one: Material(1e5, density=one))
+    for make in (*makes, lambda one: Body(1.0, one, 1.0), lambda one: Body(1.0, 1.0, 1.0, one)):
+        with pytest.raises(ArmDefinitionError, match=r'is Constant.*, expected a finite '):
+            make(Constant(0.1))
+
+
 # Rounding --------------------------------------------------------------------------------------
 
 

@@ -61,6 +61,8 @@ def test_a_simulation_is_the_same_in_bag_and_table(profile, tmp_path, cli):
     assert_allclose(times, np.arange(10) / 30, atol=1e-9)
     # It lags behind its equilibrium, and the same options give the same numbers.
     assert np.abs(rows[-1, 4:7]).max() > 1e-3
+    assert cli(f'{held} {again} --step 1e9')[0] == 0  # with one step for each moment
+    assert_allclose(np.loadtxt(again, delimiter=',', skiprows=1)[:, :4], rows[:, :4], atol=5e-3)
     assert cli(f'{held} {again}')[0] == 0
     assert again.read_bytes() == table.read_bytes()
 

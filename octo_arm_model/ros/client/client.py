@@ -251,8 +251,10 @@ class ArmClient:
         return self.shape is not before
 
     def _note(self, source: str, problem: str) -> None:
-        """Keep the ``problem`` that a topic or a status has now, or ''."""
-        if source in self._problems or len(self._problems) < _MOST_PROBLEMS:
+        """Keep the ``problem`` that a topic or a status has now, '' for none."""
+        if not problem:
+            self._problems.pop(source, None)
+        elif source in self._problems or len(self._problems) < _MOST_PROBLEMS:
             self._problems[source] = time.monotonic(), problem
 
     def _read(self, name: str, data: bytes, info: dict[str, Any]) -> None:
@@ -317,10 +319,7 @@ class ArmClient:
 
         They come from its newest diagnostics, invalid messages, and a second publisher of shapes.
         """
-        oldest = time.monotonic() - _STALE
-        problems = [
-            words for told_at, words in self._problems.values() if words and told_at > oldest
-        ]
+        problems = [words for _, words in self._problems.values()]
         if (nodes := self._publisher_count) > 1:
             problems.insert(0, f'{nodes} nodes publish shapes on {self._prefix}{_SHAPES}')
         return '; '.join(problems)
