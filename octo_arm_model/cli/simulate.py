@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> None:
         raise ConfigError('--csv, --plot and --animate are expected to be different files')
     profile = find_profile(options.profile, config.arm, arguments.read_highest(options))
     if options.animate is not None:
-        check_animation((profile.duration + options.hold) * options.rate, options.rate)
+        check_animation((profile.duration + options.hold) * options.rate + 1.0, options.rate)
     start = time.monotonic()
     with Bar('moments') as bar:
         moments = simulate(

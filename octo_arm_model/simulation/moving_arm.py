@@ -206,7 +206,7 @@ def draw_motion(
 
 def check_animation(frames: float, rate: float) -> None:
     """Raise ConfigError if `animate` does not draw so many ``frames``, or not at a ``rate``."""
-    if frames > _MOST_FRAMES:
+    if frames >= _MOST_FRAMES + 1:
         raise ConfigError(f'{frames:.0f} frames, expected at most {_MOST_FRAMES}: a lower rate')
     if not 0.0016 <= rate <= 100.0:
         raise ConfigError(f'rate is {rate:g}, expected 0.0016 to 100 Hz for a GIF')

@@ -96,6 +96,7 @@ def test_pictures_of_a_simulation(profile, tmp_path, cli):
         (f'{SIMULATE} PROFILE --step 0', 'step is 0'),
         (f'{SIMULATE} PROFILE --hold 1e9', 'moments, expected at most'),
         (f'{SIMULATE} PROFILE --csv one --plot one', 'different files'),
+        (f'{SIMULATE} PROFILE --rate 100 --hold 29.7 --animate one', '3001 frames, expected'),
         (f'{SIMULATE} PROFILE --storage mcap', '--storage has no effect without --out'),
         ('simulate renda2012_table4 PROFILE', 'material.density is 0.0'),
         (f'modes {ARM} --count 0', 'number of modes is 0'),

@@ -491,7 +491,6 @@ def test_wrong_tensions_of_two_tendons_are_no_error_of_the_model():
 
 
 def test_an_unknown_load_is_an_error_of_the_model_also_where_only_tips_are_measured():
-    """Tensions of all tendons could bring a tip anywhere."""
     pulls = np.array([[2, 1, 1, 0.5], [3, 0.6, 1, 1], [0.7, 2, 1, 0.5], [0.6, 1, 1, 3]])
     lines = [midline('exact', pull, loads__tip_force=[0.0, 0.0, 4e-3]) for pull in pulls]
     assert fitted(tips(shapes(lines, pulls))).floor > 1e-3

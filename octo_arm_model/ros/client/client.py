@@ -236,7 +236,7 @@ class ArmClient:
         """Take the messages that have arrived; return whether there is a new shape.
 
         Raises:
-            OctoArmError: if the description of the arm is none of an arm.
+            OctoArmError: if what is published as a description of the arm is not one.
         """
         before, told, oldest = self.shape, self._problems, time.monotonic() - _STALE
         self._problems = {name: told[name] for name in told if told[name][0] > oldest}
