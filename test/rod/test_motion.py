@@ -183,16 +183,16 @@ ROBOT = dataclasses.replace(METAL, discs=HELD, axial_stiffness=(2e4,)), REACH[:,
 
 
 @pytest.mark.parametrize(
-    ('arm', 'tensions'),
+    ('arm', 'tensions', 'allowed'),
     [
-        (TABLE4, PULL),
-        (dataclasses.replace(TABLE4, sheath_stiffness=(3e5,)), PULL),
-        (dataclasses.replace(TABLE4, axial_stiffness=(500.0,)), PULL),
-        ROBOT,
+        (TABLE4, PULL, 1e-6),
+        (dataclasses.replace(TABLE4, sheath_stiffness=(3e5,)), PULL, 1e-6),
+        (dataclasses.replace(TABLE4, axial_stiffness=(500.0,)), PULL, 1e-6),
+        (*ROBOT, 2e-6),
     ],
     ids=['plain', 'sheaths', 'elastic', 'discs'],
 )
-def test_damped_arm_ends_at_the_static_equilibrium(arm, tensions):
+def test_damped_arm_ends_at_the_static_equilibrium(arm, tensions, allowed):
     solver = Solver(arm, 'exact', 41, loads=WATERED)
     dynamics = Dynamics(solver, SETTLING)
     state = dynamics.at_rest(Inputs(0.0 * tensions))
@@ -200,7 +200,7 @@ def test_damped_arm_ends_at_the_static_equilibrium(arm, tensions):
     state = swing(dynamics, state, Inputs(tensions, tip_wrench=wrench), 20.0, 0.04)
     expected = solver.solve(tensions, wrench)
     shape = dynamics.backbone(state)
-    np.testing.assert_allclose(shape.position, expected.position, atol=2e-6 * arm.length)
+    np.testing.assert_allclose(shape.position, expected.position, atol=allowed * arm.length)
     np.testing.assert_allclose(shape.k, expected.k, rtol=1e-3, atol=1e-3)
     assert np.abs(dynamics.velocities(state)).max() < 1e-7
 
