@@ -22,6 +22,13 @@ def in_millimetres(axis: Any, label: str) -> None:
     axis.set_label_text(f'{label} [mm]')
 
 
+def set_limits(space: Any, limits: FloatArray) -> None:
+    """Set the ``limits`` (3, 2) [m] of a figure in space, and show numbers in mm."""
+    for name, ends in zip('xyz', limits):
+        space.set(**{f'{name}lim': ends})
+        in_millimetres(getattr(space, f'{name}axis'), name)
+
+
 def equal_axes(points: FloatArray, half: float = 0.53) -> FloatArray:
     """Return ends (3, 2) of axes about ``points`` (..., 3), twice ``half`` their extent long."""
     low, high = (end(points.reshape(-1, 3), axis=0) for end in (np.min, np.max))

@@ -93,7 +93,7 @@ def find_tensions(
     limit = check_highest(arm, highest)
     search = _Search(solver, target, limit, stiffness, pause or (lambda: None))
     generator, size = np.random.default_rng(whole('seed', seed)), (_STARTS, limit.size)
-    # From tensions in all tendons few targets are found that some of them reach alone.
+    # Searches from tensions in all tendons miss targets that few of them reach.
     drawn = generator.random(size) * (generator.random(size) < 0.5)
     starts = [0.05 * np.ones(limit.size), *drawn]
     if start is not None:

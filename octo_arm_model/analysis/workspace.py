@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo_arm_model.analysis.drawing import Drawing, equal_axes
+from octo_arm_model.analysis.drawing import Drawing, equal_axes, in_millimetres, set_limits
 from octo_arm_model.analysis.worker_pool import Solutions, on_cluster, on_cores
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
@@ -164,8 +164,8 @@ def draw_workspace(workspace: Workspace, solver: Solver, path: Path | str) -> No
 
     arm = solver.solve(np.zeros(solver.arm.tension_shape))
     body = Drawing(solver.arm, arm.s, sides=_SIDES)
-    skin = 1e3 * body.draw(arm.position, arm.quaternion, arm.q).vertices[body.triangles]
-    limits = equal_axes(np.concatenate([workspace.tip * 1e3, skin.reshape(-1, 3)]))
+    skin = body.draw(arm.position, arm.quaternion, arm.q).vertices[body.triangles]
+    limits = equal_axes(np.concatenate([workspace.tip, skin.reshape(-1, 3)]))
     figure = Figure(figsize=(11.0, 10.0), layout='constrained')
     reached, refused = len(workspace.tip), workspace.refused
     figure.suptitle(
@@ -203,20 +203,15 @@ def _style(workspace: Workspace) -> dict[str, Any]:
 def _draw_view(
     axes: Any, workspace: Workspace, skin: FloatArray, pair: list[int], limits: FloatArray
 ) -> None:
-    """Draw tips and ``skin`` [mm], (triangles, 3, 3), in the plane of a ``pair`` of axes."""
+    """Draw tips and ``skin`` [m], (triangles, 3, 3), in the plane of a ``pair`` of axes."""
     from matplotlib.collections import PolyCollection
 
     faces = list(skin[:, :, pair])
     axes.add_collection(PolyCollection(faces, color=_ARM_COLOUR, linewidth=0.4, zorder=1))
-    axes.scatter(*(workspace.tip[:, pair] * 1e3).T, zorder=2, **_style(workspace))
-    names = ['xyz'[i] for i in pair]
-    axes.set(
-        xlabel=f'{names[0]} [mm]',
-        ylabel=f'{names[1]} [mm]',
-        xlim=limits[pair[0]],
-        ylim=limits[pair[1]],
-        aspect='equal',
-    )
+    axes.scatter(*workspace.tip[:, pair].T, zorder=2, **_style(workspace))
+    axes.set(xlim=limits[pair[0]], ylim=limits[pair[1]], aspect='equal')
+    for axis, number in zip((axes.xaxis, axes.yaxis), pair):
+        in_millimetres(axis, 'xyz'[number])
     axes.grid(alpha=0.3)
     axes.set_axisbelow(True)
 
@@ -225,9 +220,8 @@ def _draw_in_space(axes: Any, workspace: Workspace, skin: FloatArray, limits: Fl
     """Draw tips and ``skin`` in space, and return the drawn tips."""
     triangles = np.arange(3 * len(skin)).reshape(-1, 3)
     axes.plot_trisurf(*skin.reshape(-1, 3).T, triangles=triangles, color=_ARM_COLOUR, shade=True)
-    cloud = axes.scatter(*(workspace.tip * 1e3).T, depthshade=False, **_style(workspace))
-    for name, ends in zip('xyz', limits):
-        axes.set(**{f'{name}lim': ends, f'{name}label': f'{name} [mm]'})
+    cloud = axes.scatter(*workspace.tip.T, depthshade=False, **_style(workspace))
+    set_limits(axes, limits)
     axes.set_box_aspect((1, 1, 1), zoom=1.0)
     axes.view_init(24.0, -60.0)
     axes.locator_params(nbins=5)

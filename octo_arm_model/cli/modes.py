@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from octo_arm_model.analysis.drawing import equal_axes, in_millimetres
+from octo_arm_model.analysis.drawing import equal_axes, set_limits
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import check_out, writing
 from octo_arm_model.rod.backbone import Backbone
@@ -72,9 +72,7 @@ def draw_modes(path: Path, result: Modes, backbone: Backbone) -> None:
         for amplitude, colour in ((-size, '0.6'), (0.0, 'C0'), (size, '0.6')):
             axes.plot(*(backbone.position + amplitude * shape).T, color=colour)
         axes.set_title(f'{result.frequencies[number - 1]:.4g} Hz')
-        for axis, ends in zip('xyz', equal_axes(backbone.position, 0.6)):
-            axes.set(**{f'{axis}lim': ends})
-            in_millimetres(getattr(axes, f'{axis}axis'), axis)
+        set_limits(axes, equal_axes(backbone.position, 0.6))
         axes.locator_params(nbins=4)
         axes.set_box_aspect(None, zoom=0.8)  # leaves room for the labels
     figure.savefig(path, dpi=120, format='png', bbox_inches='tight')

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from octo_arm_model.analysis.drawing import equal_axes, in_millimetres, obstacle_mesh
+from octo_arm_model.analysis.drawing import equal_axes, in_millimetres, obstacle_mesh, set_limits
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
@@ -248,10 +248,8 @@ def _frame(space: Any, moments: Sequence[Moment], obstacles: Sequence[Obstacle])
     points = np.concatenate([one.backbone.position for one in moments])
     ends = equal_axes(points, 0.5)
     half, middle = 0.5 * float(np.ptp(ends[0])), ends.mean(axis=1)
-    limits = {f'{name}lim': one for name, one in zip(_AXES, ends)}
-    space.set(**limits, box_aspect=(1.0, 1.0, 1.0))
-    for name in _AXES:
-        in_millimetres(getattr(space, f'{name}axis'), name)
+    set_limits(space, ends)
+    space.set_box_aspect((1.0, 1.0, 1.0))
     for obstacle in obstacles:
         vertices, triangles = obstacle_mesh(obstacle, middle, half)
         if (np.abs(vertices - middle) < half).all(axis=1).any():

@@ -19,6 +19,7 @@ from rclpy.validate_namespace import validate_namespace
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, MessageError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import LARGEST
@@ -260,20 +261,22 @@ class ArmClient:
     def _read(self, name: str, data: bytes, info: dict[str, Any]) -> None:
         if name == _DESCRIPTION:
             self._read_description(decoded(data, String).data)
-        if name == _DIAGNOSTICS:
+        elif name == _DIAGNOSTICS:
             self._read_status(decoded(data, DiagnosticArray))
-        if name in self._always or self.config is None:
-            return
-        if name == _SHAPES:
+        elif self.config is None:
+            pass  # of an arm that is not described yet
+        elif name == _SHAPES:
             self._read_shape(data, info)
-            return
-        message = decoded(data, DETAILS[name])
+        else:
+            self._read_detail(name, decoded(data, DETAILS[name]), self.config.arm)
+
+    def _read_detail(self, name: str, message: Any, arm: Arm) -> None:
         if name == 'strains':
             self.strains = strains_of(message)
         elif name == TENDON_LENGTHS:
             self.tensions = None
             with contextlib.suppress(OctoArmError):  # another arm's, whose description comes later
-                self.tensions = JOINT_STATE.read(message, self.config.arm).ravel()
+                self.tensions = JOINT_STATE.read(message, arm).ravel()
         elif name == estimate.COVARIANCE:
             self.covariance = None
             covariance = estimate.read_covariance(message)

@@ -261,7 +261,7 @@ class SimulatorNode(CheckedNode):
             self._diagnostics.log.warn(self._lengths.topic, error)
         effective = self._drive.advance(self._set_point, elapsed)
         push_force = self._push.at(1e-9 * self._time_ns)
-        before = self._drive.hardware.state[3]
+        *_, before = self._drive.hardware.state  # lengths that winches have reeled in
         has_moved = config.pushed_arm is not None
         self._diagnostics.counts['simulated'] += elapsed
         try:
