@@ -209,8 +209,8 @@ def test_a_spare_connection_of_a_browser_is_no_refusal(server, caplog):
             spare.shutdown(socket.SHUT_WR)
             while spare.recv(1000):
                 pass  # until the server has ended it
-        # What it logs of that, it has logged when it answers another request.
-        urllib.request.urlopen(f'http://127.0.0.1:{server.get_port()}/', timeout=DEADLINE).close()
+        # It has logged that when it answers another request, which has to be read to its end.
+        urllib.request.urlopen(f'http://127.0.0.1:{server.get_port()}/', timeout=DEADLINE).read()
         assert len(caplog.messages) == lines
 
 
