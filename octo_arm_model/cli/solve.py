@@ -39,7 +39,7 @@ def summary(backbone: Backbone, solver: Solver) -> str:
         f'{float(backbone.residual):.1e} after {int(backbone.iterations)} iterations',
         f'tip       {millimetres(backbone.tip)} mm, {distance * 1e3:.2f} mm from the base',
         'tensions  ' + ' '.join(f'{tension:.4g}' for tension in backbone.tensions.ravel()) + ' N',
-        'wound in  ' + ' '.join(f'{1e3 * length:.2f}' for length in reeled_in) + ' mm',
+        'reeled in ' + ' '.join(f'{1e3 * length:.2f}' for length in reeled_in) + ' mm',
         '',
         'section     s [mm]        x        y        z [mm]'
         '    tau       xi        k [1/m]   q [%]',
