@@ -20,7 +20,7 @@ from brief import IS_BRIEF, make_parser
 
 from octo_arm_model import Arm, Body, Material, Section
 from octo_arm_model.arm.errors import SolveError
-from octo_arm_model.estimation.estimator import Filter
+from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
@@ -82,12 +82,12 @@ def report(name: str, runs: list[Run], *, has_prior: bool, is_compiled: bool) ->
     model, means = arm_model(has_prior=has_prior, is_compiled=is_compiled), []
     seconds = 0.0
     force, tension = model.state.tip_force, model.state.tension
-    Filter(model).add(0.0, runs[0][0][0]).pose_covariance.sum()  # compiles
+    Estimator({'': model}).add(0, runs[0][0][0]).estimate.pose_covariance.sum()  # compiles
     for run in runs:
-        estimator, rows = Filter(model), []
+        estimator, rows = Estimator({'': model}), []
         for step, (measurements, truth) in enumerate(run):
             start = time.process_time()
-            estimate = estimator.add(step * PERIOD, measurements)
+            estimate = estimator.add(round(1e9 * step * PERIOD), measurements).estimate
             assert estimate.pose_covariance.shape == (51, 6, 6) and estimate.backbone.tip.size == 3
             seconds += time.process_time() - start
             error, covariance = estimate.mean - truth.x, estimate.covariance
@@ -126,10 +126,9 @@ def main() -> None:
     converged = 0
     start = time.process_time()
     for measurements, _ in cold:
-        estimator = Filter(model)
         try:
-            estimator.add(0.0, measurements)
-            converged += all(innovation.is_accepted for innovation in estimator.innovations)
+            output = Estimator({'': model}).add(0, measurements)
+            converged += all(innovation.is_accepted for innovation in output.innovations)
         except SolveError as error:
             print(f'from the unloaded arm: {error}')
     spent = 1e3 * (time.process_time() - start) / len(cold)

@@ -25,7 +25,7 @@ from octo_arm_model import Backbone, Loads, Solver, load_config
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.stiffness import bending_force, default_highest
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.estimation.estimator import Filter
+from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
@@ -106,11 +106,12 @@ class Errors:
         self, unknowns: Unknowns, moments: list[Moment], select: Select, counted: range
     ) -> None:
         """Run a filter with the measurements of ``select``; add errors of steps ``counted``."""
-        estimator = Filter(ArmModel(ARM, unknowns, loads=WATER, stations=STATIONS))
+        estimator = Estimator({'': ArmModel(ARM, unknowns, loads=WATER, stations=STATIONS)})
         start = time.process_time()
         for step, moment in enumerate(moments):
             try:
-                estimate = estimator.add(PERIOD * step, select(step, moment.measurements))
+                measured = select(step, moment.measurements)
+                estimate = estimator.add(round(1e9 * PERIOD * step), measured).estimate
             except SolveError:
                 self.refused['steps'] = self.refused.get('steps', 0) + 1
                 continue
@@ -133,8 +134,9 @@ class Errors:
             )
         self.seconds += time.process_time() - start
         self.count += len(moments)
-        for name, count in estimator.refused.items():
-            self.refused[name] = self.refused.get(name, 0) + count
+        for name, kind in estimator.consistency.items():
+            if kind.refused:
+                self.refused[name] = self.refused.get(name, 0) + kind.refused
 
     def report(self, name: str) -> None:
         """Print a row of the table."""

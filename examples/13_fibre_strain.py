@@ -4,7 +4,7 @@ import numpy as np
 
 from octo_arm_model import load_config
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.estimator import Filter
+from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Measurement, Tensions
 from octo_arm_model.estimation.model import ArmModel, Prediction
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
@@ -40,6 +40,7 @@ for y, z in ((0.005, 0.0), (0.0, 0.005)):  # at a tenth of the length
     strain = true.q[3] + (1.0 + true.q[3]) * (true.xi[3] * z - true.k[3] * y)
     fibres.append(FibreStrain(3, y, z, strain, 1e-4))
 model = ArmModel.of(config, Unknowns(Walk(5.0), tip_force=Walk.stationary(0.01, 1.0)), stations=31)
-estimate = Filter(model).add(0.0, [Tensions([2.0, 0.0, 0.0, 0.0], 0.002), *fibres])
+measured = [Tensions([2.0, 0.0, 0.0, 0.0], 0.002), *fibres]
+estimate = Estimator({'tip': model}).add(0, measured).estimate
 force = ' '.join(f'{1e3 * part + 0.0:.2f}' for part in estimate.tip_wrench[:3])
 print('refused:', estimate.refused, 'force:', force, 'mN')

@@ -48,7 +48,7 @@ import dataclasses
 import numpy as np
 from octo_arm_model import Dynamics, Inputs, Solver, load_config
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.estimation.estimator import Filter
+from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
@@ -67,7 +67,7 @@ if is_available():
     dynamics.backbone(moved)
     model = ArmModel(arm, Unknowns(Walk(1.0), tip_force=Walk(0.01)))
     measured = [Tensions(tensions.ravel(), 0.02), TipPosition(shape.tip, 0.01)]
-    Filter(model).add(0.0, measured)
+    Estimator({'': model}).add(0, measured)
 """
 
 

@@ -75,14 +75,15 @@ class Estimate:
 
         A measurement that was accepted there and is refused here is new too.
         """
-        earlier = previous.innovations if previous and previous.time == self.time else ()
-        was_accepted = {entry.name: entry.is_accepted for entry in earlier}
-        return tuple(
-            entry
-            for entry in self.innovations
-            if entry.name not in was_accepted
-            or (was_accepted[entry.name] and not entry.is_accepted)
-        )
+        before = previous.innovations if previous and previous.time == self.time else ()
+        earlier, new = [(one.name, one.is_accepted) for one in before], []
+        for entry in self.innovations:
+            same = next((one for one in earlier if one[0] == entry.name), None)
+            if same is None or (same[1] and not entry.is_accepted):
+                new.append(entry)
+            if same is not None:
+                earlier.remove(same)
+        return tuple(new)
 
     @property
     def state(self) -> State:

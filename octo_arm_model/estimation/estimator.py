@@ -1,9 +1,8 @@
 """The estimator of an arm: from measurements to its shape and the contact force.
 
-`Filter` follows one model. `Estimator` is the loop of the node and of the bag tool, whose times
-are stamps. If the place of a contact is unknown it has one bank of hypotheses for each place, and
-the contact may move from one to another at any time (first-order multiple-model estimator,
-Bar-Shalom, Li and Kirubarajan 2001, 11.6).
+If the place of a contact is unknown it has one bank of hypotheses for each place, and the contact
+may move from one to another at any time (first-order multiple-model estimator, Bar-Shalom, Li and
+Kirubarajan 2001, 11.6).
 """
 
 from __future__ import annotations
@@ -73,7 +72,8 @@ class Estimator:
     """The estimator of one arm.
 
     Measurements of different sensors at one time are processed together, in any order of their
-    messages. A late measurement is inserted at its time, and later ones are processed again.
+    messages. A late measurement is inserted at its time, and later ones are processed again. One
+    that equals another of the same time is the same, delivered twice, and has no effect.
 
     Attributes:
         consistency: statistics of each kind of measurement, by its name.
@@ -134,16 +134,24 @@ class Estimator:
         If it fails, only the counts change.
 
         Raises:
-            MeasurementError: if the measurements come too late, or do not fit the arm.
+            MeasurementError: if the stamp is no integer, or the measurements come too late, or do
+                not fit the arm.
             SolveError: if the arm has no trustworthy shape.
         """
+        if not isinstance(stamp_ns, (int, np.integer)) or isinstance(stamp_ns, bool):
+            raise MeasurementError(f'stamp_ns is {shown(stamp_ns)}, expected an integer [ns]')
+        check_class('measurements', measurements, Sequence)
         for measurement in measurements:
             check_class('a measurement', measurement, Measurement)
         origin = stamp_ns if self.origin_ns is None else self.origin_ns
         count = len(self._models)
         share = max(2, EVALUATIONS // count), max(10, ITERATIONS // count)
         work = [Work(*share) for _ in range(count)]
-        time, new, is_new = 1e-9 * (stamp_ns - origin), tuple(measurements), False
+        time, is_new = 1e-9 * (stamp_ns - origin), False
+        known = [
+            old for moment in self._moments if moment.time == time for old in moment.measurements
+        ]
+        new = tuple(one for one in measurements if not any(map(one.is_same, known)))
         try:
             moments, index, replaced = self._with_measurements(self._moments, time, new, work)
         except SolveError:
@@ -191,10 +199,14 @@ class Estimator:
             )
         # A moment can be computed again only if the one before it is stored.
         if index > self._is_cut and moments[index - 1].time == time:
-            names = {old.name for old in moments[index - 1].measurements}
-            if not any(new.name in names for new in measurements):
-                index, replaced = index - 1, moments[index - 1]
-                measurements = replaced.measurements + measurements
+            same = moments[index - 1]
+            heard, others = (
+                {name for one in some for name in one.channels(same.leading[1].prediction)}
+                for some in (same.measurements, measurements)
+            )
+            if not heard & others:
+                index, replaced = index - 1, same
+                measurements = same.measurements + measurements
         last = moments[index - 1] if index else None
         updated = [*moments[:index], self._next_moment(last, time, measurements, replaced, work)]
         for old in moments[index + (replaced is not None) :]:
@@ -243,51 +255,3 @@ class Estimator:
         refused = {name: since.get(name, time) for name in newest.refused}
         unheard = {name: since[name] for name in since.keys() - newest.heard}
         return moment._replace(refused_since=unheard | refused)
-
-
-class Filter:
-    """The recursive estimator of one model: an `Estimator` whose times are in seconds.
-
-    Attributes:
-        model: the model of the arm.
-        innovations: innovations of the last measurements.
-        last: the newest estimate; None before the first.
-    """
-
-    def __init__(self, model: ArmModel, window: float = 0.0, rules: Rules = Rules()) -> None:
-        """Begin at the prior of ``model``; measurements may come up to ``window`` [s] late.
-
-        Raises:
-            MeasurementError: if a number is outside its range.
-        """
-        check_class('model', model, ArmModel)
-        self.model, self._estimator = model, Estimator({'': model}, rules, window)
-        self._estimator.origin_ns = 0
-        self.innovations: tuple[Innovation, ...] = ()
-        self.last: Estimate | None = None
-
-    @property
-    def refused(self) -> dict[str, int]:
-        """Number of refused measurements of each kind, by name."""
-        kinds = self._estimator.consistency
-        return {name: kind.refused for name, kind in kinds.items() if kind.refused}
-
-    @property
-    def late(self) -> int:
-        """Number of messages that came later than the window."""
-        return self._estimator.late
-
-    def add(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
-        """Process ``measurements`` of a ``time`` [s], and return the newest estimate.
-
-        If it fails, only the counts change.
-
-        Raises:
-            MeasurementError: if the measurements come too late, or do not fit the arm.
-            SolveError: if the arm has no trustworthy shape.
-        """
-        if not is_number(time) or not math.isfinite(time):
-            raise MeasurementError(f'time is {shown(time)}, expected a finite number [s]')
-        output = self._estimator.add(round(1e9 * time), measurements)
-        self.last, self.innovations = output.estimate, output.innovations
-        return output.estimate

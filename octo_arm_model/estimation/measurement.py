@@ -91,6 +91,13 @@ class Measurement(abc.ABC):
     def jacobian(self, prediction: Prediction) -> FloatArray:
         """Return the derivatives of the predicted value by the state, (m, state)."""
 
+    def is_same(self, other: Measurement) -> bool:
+        """Return whether an ``other`` measurement is of the same class and equal in all fields."""
+        mine, theirs = vars(self), vars(other)
+        return type(self) is type(other) and all(
+            np.array_equal(mine[name], theirs.get(name, ())) for name in mine
+        )
+
     def channels(self, prediction: Prediction) -> tuple[str, ...]:
         """Return the sensor of each number, (m,); a sensor is used or doubted as a whole."""
         return (self.name,) * self.value.size

@@ -161,7 +161,7 @@ class TipPose(Measurement):
             )
         # The value has as many numbers as the error; the rotation is stored apart.
         super().__init__(np.concatenate([position_array, np.zeros(3)]), noise)
-        self._rotation = Rotation.from_quat(quaternion_array)
+        self._quaternion = quaternion_array
 
     def innovation(self, prediction: Prediction) -> FloatArray:
         """Return the position error, and the rotation vector to the measured frame, (6,)."""
@@ -177,7 +177,8 @@ class TipPose(Measurement):
         return jacobian
 
     def _error(self, near: Prediction) -> Rotation:
-        return self._rotation * Rotation.from_quat(np.array(near.solved.quaternion[-1])).inv()
+        predicted = Rotation.from_quat(np.array(near.solved.quaternion[-1]))
+        return Rotation.from_quat(self._quaternion) * predicted.inv()
 
 
 class _PlacedMeasurement(Measurement):

@@ -14,7 +14,13 @@ from estimation_arms import LIKELY, RUBBER, TENSIONS, rubber
 from octo_arm_model import Arm, Backbone, Body, Material, Section, Solver
 from octo_arm_model.arm.errors import ConvergenceError, MeasurementError, SolveError
 from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
-from octo_arm_model.estimation.measurements import Markers, Measurement, Tensions, TipPosition
+from octo_arm_model.estimation.measurements import (
+    Markers,
+    Measurement,
+    Tensions,
+    TipPose,
+    TipPosition,
+)
 from octo_arm_model.estimation.model import BUDGET, ArmModel, Prediction
 from octo_arm_model.estimation.rules import Rules
 from octo_arm_model.estimation.unknowns import PointForce, Unknowns, Walk
@@ -100,10 +106,30 @@ def test_order_of_measurements_of_one_time_does_not_matter(order):
 
 
 def test_first_time_does_not_depend_on_the_number_of_messages():
-    together, separately = agile(), agile()
-    for measurement in sensors():
+    together, separately, names = agile(), agile(), RUBBER.tendon_names
+    cells = [Tensions(TENSIONS[some], CELL, names[some]) for some in (np.s_[2:], np.s_[:2])]
+    for measurement in [*sensors()[:0:-1], *cells]:
         estimate = separately.add(ORIGIN, [measurement]).estimate
-    np.testing.assert_array_equal(estimate.mean, together.add(ORIGIN, sensors()).estimate.mean)
+    expected = together.add(ORIGIN, sensors()).estimate
+    stddev = np.sqrt(np.diag(expected.covariance))
+    np.testing.assert_allclose(estimate.mean / stddev, expected.mean / stddev, rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(estimate.root, expected.root, rtol=1e-3, atol=1e-3 * stddev.min())
+    assert separately.consistency['tensions'].accepted == 2 and not estimate.refused
+
+
+def test_a_measurement_that_is_delivered_twice_counts_once():
+    once, often = (Estimator({'tip': rubber(FORCE_AT_TIP)}, STRICT, 0.2) for _ in range(2))
+    pose = TipPose(tip(), CALM.quaternion[-1], np.repeat([PLACE, 0.05], 3))
+    for step in (0, 2, 1):
+        stamp = ORIGIN + step * SECOND // 10
+        for measurement in [*sensors()[:2], pose]:
+            expected = once.add(stamp, [measurement]).estimate
+            for _ in range(3):
+                output = often.add(stamp, [pickle.loads(pickle.dumps(measurement))])
+        assert not output.innovations
+    np.testing.assert_allclose(output.estimate.mean, expected.mean, rtol=1e-9)
+    np.testing.assert_allclose(output.estimate.root, expected.root, rtol=1e-9)
+    assert often.consistency == once.consistency
 
 
 def test_covariance_includes_faults_that_are_not_detectable():
@@ -175,6 +201,13 @@ PLACES = (0.07, 0.13, 0.19)
 FORCE = Walk.stationary(0.02, 0.2)
 
 
+def markers_on(model: ArmModel, force: list[float], s: list[float]) -> Markers:
+    """Return markers at ``s`` on the arm of a ``model`` with this force."""
+    at = Prediction(model, np.append(TENSIONS, force), None)
+    position = -Markers(s, np.zeros((len(s), 3)), 1e-3).innovation(at)
+    return Markers(s, position.reshape(-1, 3), 1e-3)
+
+
 def models() -> dict[str, object]:
     with_force = {
         f'{s} m': rubber(dataclasses.replace(UNKNOWNS, point_forces=(PointForce(s, FORCE),)))
@@ -192,21 +225,18 @@ def test_place_of_a_force_is_found(place):
     hypotheses = models()
     name = 'free' if place is None else f'{place} m'
     model = hypotheses[name]
-    x = np.concatenate([TENSIONS, [] if place is None else [0.0, 0.02, -0.015]])
-    shape = Prediction(model, x, None).solved
-    s = np.array([0.05, 0.1, 0.15, 0.2])
-    markers = Markers(s, np.zeros((4, 3)), 1e-3)
-    positions = -markers.innovation(Prediction(model, x, None)).reshape(4, 3)
+    true = [] if place is None else [0.0, 0.02, -0.015]
+    exact = markers_on(model, true, [0.05, 0.1, 0.15, 0.2])
     bank = Estimator(hypotheses)
     for step in range(3):
-        noisy = positions + 1e-3 * rng.normal(size=(4, 3))
-        output = bank.add(step * SECOND // 10, [Tensions(TENSIONS, 0.01), Markers(s, noisy, 1e-3)])
+        noisy = Markers(exact.s, exact.value + 1e-3 * rng.normal(size=12), 1e-3)
+        output = bank.add(step * SECOND // 10, [Tensions(TENSIONS, 0.01), noisy])
     assert sum(output.probabilities.values()) == pytest.approx(1.0)
     assert output.hypothesis == name and output.probabilities[name] > 0.9
-    np.testing.assert_allclose(output.estimate.backbone.tip, shape.tip, atol=2e-3)
+    np.testing.assert_allclose(output.estimate.backbone.tip, exact.value[-3:], atol=2e-3)
     if place is not None:
         force = model.state.point_forces
-        error = output.estimate.mean[force] - x[force]
+        error = output.estimate.mean[force] - true
         assert error @ np.linalg.solve(output.estimate.covariance[force, force], error) < 16.0
 
 
@@ -232,14 +262,10 @@ def test_units_do_not_decide_between_places_where_one_refuses_a_sensor():
 
 def test_change_of_the_place_is_followed():
     hypotheses = {name: model for name, model in models().items() if name in ('free', '0.19 m')}
-    s = np.array([0.1, 0.2])
     bank = Estimator(hypotheses, change_time=1.0)
     for step, force in enumerate([0.0, 0.0, 0.02, 0.02, 0.02]):
-        model = hypotheses['0.19 m']
-        x = np.concatenate([TENSIONS, [0.0, force, 0.0]])
-        positions = -Markers(s, np.zeros((2, 3)), 1e-3).innovation(Prediction(model, x, None))
-        data = [Tensions(TENSIONS, 0.01), Markers(s, positions.reshape(2, 3), 1e-3)]
-        output = bank.add(step * SECOND // 10, data)
+        seen = markers_on(hypotheses['0.19 m'], [0.0, force, 0.0], [0.1, 0.2])
+        output = bank.add(step * SECOND // 10, [Tensions(TENSIONS, 0.01), seen])
         assert output.hypothesis == ('0.19 m' if force else 'free')
         # No hypothesis is ever excluded.
         assert min(output.probabilities.values()) > 1e-20
@@ -254,11 +280,8 @@ def test_change_of_the_place_is_followed():
 
 def test_order_within_the_window_does_not_change_probabilities():
     hypotheses = {name: model for name, model in models().items() if name in ('free', '0.19 m')}
-    model, s = hypotheses['0.19 m'], np.array([0.1, 0.2])
-    x = np.concatenate([TENSIONS, [0.0, 0.004, 0.0]])
-    positions = -Markers(s, np.zeros((2, 3)), 1e-3).innovation(Prediction(model, x, None))
-    markers = Markers(s, positions.reshape(2, 3), 3e-3)
-    data = [[Tensions(TENSIONS, 0.01)], [markers], [Tensions(TENSIONS, 0.01)], [markers]]
+    seen = markers_on(hypotheses['0.19 m'], [0.0, 0.004, 0.0], [0.1, 0.2])
+    data = 2 * [[Tensions(TENSIONS, 0.01)], [Markers(seen.s, seen.value, 3e-3)]]
     results = []
     for order in ((0, 1, 2, 3), (0, 2, 3, 1), (1, 0, 2, 3)):
         bank = Estimator(hypotheses, change_time=1.0, window=1.0)

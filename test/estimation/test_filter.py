@@ -24,7 +24,7 @@ from octo_arm_model import (
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.arm.loads import ZERO, DistributedLoad, PointLoad
 from octo_arm_model.estimation.estimate import Estimate, contact_of
-from octo_arm_model.estimation.estimator import Estimator, Filter
+from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import (
     BaseWrench,
     Markers,
@@ -51,7 +51,7 @@ def truth(model: ArmModel, force: np.ndarray, tensions: np.ndarray = TENSIONS) -
 
 def test_estimate_from_tensions_equals_the_solver_with_its_covariance():
     model = rubber(Unknowns(Walk(1e4)))
-    estimate = Filter(model).add(0.0, [Tensions(TENSIONS, 0.02)])
+    estimate = Estimator({'': model}).add(0, [Tensions(TENSIONS, 0.02)]).estimate
     solver = Solver(RUBBER, 'exact', 31)
     expected = solver.solve([TENSIONS])
     np.testing.assert_allclose(estimate.backbone.position, expected.position, atol=1e-10)
@@ -68,7 +68,8 @@ def test_negative_reading_of_a_slack_tendon_is_accepted():
     tensions = np.where(TENSIONS == TENSIONS.min(), 0.0, TENSIONS)
     tip = truth(model, np.zeros(3), tensions).solved.tip
     readings = np.where(tensions == 0.0, -0.05, tensions)
-    estimate = Filter(model).add(0.0, [Tensions(readings, 0.05), TipPosition(tip, 1e-3)])
+    data = [Tensions(readings, 0.05), TipPosition(tip, 1e-3)]
+    estimate = Estimator({'': model}).add(0, data).estimate
     assert estimate.tensions.min() >= 0.0 and not estimate.refused
     np.testing.assert_allclose(estimate.backbone.tip, tip, atol=3e-3)
 
@@ -104,25 +105,25 @@ def test_parameters_of_the_arm_are_used(what):
     readings = config.load_cells.readings(TENSIONS)
     tensions = Tensions(config.load_cells.scale_and_offset(readings), 0.02)
     unknowns = Unknowns(tension=Walk(5.0), tip_force=Walk(0.01))
-    estimator = Filter(ArmModel.of(config, unknowns))
-    estimate = estimator.add(0.0, [tensions, TipPosition(shape.tip, 1e-4)])
+    estimator = Estimator({'': ArmModel.of(config, unknowns)})
+    estimate = estimator.add(0, [tensions, TipPosition(shape.tip, 1e-4)]).estimate
     assert estimate.refused == ()
     force = np.array(config.loads.tip_force)
     np.testing.assert_allclose(estimate.tip_wrench[:3], force, atol=2e-5)
     np.testing.assert_allclose(estimate.backbone.position, shape.position, atol=1e-5)
     # Without these parameters no force explains the tip, which is refused.
-    without_parameters = Filter(ArmModel(config.arm, unknowns)).add(
-        0.0, [tensions, TipPosition(shape.tip + [0.24, 0.0, 0.0], 1e-4)]
-    )
-    assert without_parameters.refused == ('tip position',)
+    without_parameters = Estimator({'': ArmModel(config.arm, unknowns)})
+    far = TipPosition(shape.tip + [0.24, 0.0, 0.0], 1e-4)
+    refused = without_parameters.add(0, [tensions, far]).estimate.refused
+    assert refused == ('tip position',)
 
 
 def test_displacement_longer_than_the_tendon_is_refused():
-    recursive = Filter(rubber(Unknowns(Walk(5.0))))
-    before = recursive.add(0.0, [Tensions(TENSIONS, 0.01)])
+    estimator = Estimator({'': rubber(Unknowns(Walk(5.0)))})
+    before = estimator.add(0, [Tensions(TENSIONS, 0.01)]).estimate
     with pytest.raises(MeasurementError, match='displacement of tendon_1_2 is 25 m, expected les'):
-        recursive.add(0.0, [TendonDisplacements([0.0, 25.0, 0.0, 0.0], 1e-4)])
-    assert recursive.last is before
+        estimator.add(0, [TendonDisplacements([0.0, 25.0, 0.0, 0.0], 1e-4)])
+    np.testing.assert_array_equal(estimator.add(0, []).estimate.mean, before.mean)
 
 
 STRIP = dataclasses.replace(
@@ -140,9 +141,8 @@ def test_exact_tip_pose_gives_the_wrench(arm, law):
     x = np.concatenate([TENSIONS, [0.008, -0.006, 0.012], [1e-4, -2e-4, 1.5e-4]])
     exact = Prediction(model, x, None)
     shape = exact.solved
-    estimate = Filter(model).add(
-        0.0, [Tensions(TENSIONS, 1e-9), TipPose(shape.tip, shape.quaternion[-1], np.full(6, 1e-9))]
-    )
+    pose = TipPose(shape.tip, shape.quaternion[-1], np.full(6, 1e-9))
+    estimate = Estimator({'': model}).add(0, [Tensions(TENSIONS, 1e-9), pose]).estimate
     force = np.array(WEIGHT.tip_force)
     scale = np.linalg.norm(x[4:7])
     np.testing.assert_allclose(estimate.tip_wrench[:3] - force, x[4:7], atol=1e-6 * scale)
@@ -163,7 +163,7 @@ def test_force_on_a_robot_with_discs_is_found():
         TipPosition(at.solved.tip, 1e-7),
         BaseWrench(wrench, 1e-5),
     ]
-    estimate = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, data)
+    estimate = Estimator({'': model}, Rules(gate=1.0 - 1e-12)).add(0, data).estimate
     np.testing.assert_allclose(estimate.tip_wrench[:3], [0.004, 0.012, -0.008], atol=1e-5)
 
 
@@ -178,7 +178,7 @@ def test_effect_of_friction_is_within_the_covariance():
         ('unknown', ArmModel(with_friction, unknowns, stations=31)),
         ('ignored', rubber(FORCE_AT_TIP)),
     ):
-        estimate = Filter(model, rules=Rules(gate=1.0 - 1e-12)).add(0.0, data)
+        estimate = Estimator({'': model}, Rules(gate=1.0 - 1e-12)).add(0, data).estimate
         error, covariance = estimate.tip_wrench[:3] - force, estimate.tip_wrench_covariance[:3, :3]
         squares[name] = error @ np.linalg.solve(covariance, error)
     limit = chi2.ppf(0.999, 3)
@@ -191,7 +191,7 @@ def test_estimate_turns_with_the_base_and_what_is_measured():
         pose = Pose(quaternion=tuple(turn.as_quat().tolist()))
         model = ArmModel(RUBBER, FORCE_AT_TIP, stations=31, base=pose)
         tip = TipPosition(turn.apply([0.024, -0.123, 0.083]), 3e-3)  # several steps away
-        estimate = Filter(model).add(0.0, [tip])
+        estimate = Estimator({'': model}).add(0, [tip]).estimate
         shapes.append(turn.inv().apply(estimate.backbone.position))
     np.testing.assert_allclose(*shapes, rtol=0, atol=1e-9)
 
@@ -201,7 +201,7 @@ def test_axial_force_on_a_straight_arm_is_not_observable():
     model = rubber(unknowns)
     straight = truth(model, np.zeros(3), np.full(4, 0.3))
     data = [Tensions(np.full(4, 0.3), 1e-6), TipPosition(straight.solved.tip, 5e-4)]
-    estimate = Filter(model).add(0.0, data)
+    estimate = Estimator({'': model}).add(0, data).estimate
     axial, *across = np.sqrt(np.diag(estimate.tip_wrench_covariance)[:3])
     # The tip moves by F L / EA: hundredths of a millimetre for a force of the prior's size.
     assert axial == pytest.approx(1e-3, rel=0.01)
@@ -223,7 +223,7 @@ def simulated(seed: int, steps: int) -> list[tuple[Estimate, np.ndarray, Predict
     state = model.state
     stddev = state.prior_stddev()
     x = stddev * rng.normal(size=state.size)
-    filter_, steps_ = Filter(model, rules=Rules(gate=1.0 - 1e-9)), []
+    estimator, steps_ = Estimator({'': model}, Rules(gate=1.0 - 1e-9)), []
     pull = 1.0 + rng.uniform(0.0, 1.0, 4)
     for step in range(steps):
         if step:
@@ -240,7 +240,7 @@ def simulated(seed: int, steps: int) -> list[tuple[Estimate, np.ndarray, Predict
             TipPosition(position, 5e-4),
             TendonDisplacements(lengths, 2e-4),
         ]
-        steps_.append((filter_.add(0.1 * step, data), x.copy(), real))
+        steps_.append((estimator.add(step * 10**8, data).estimate, x.copy(), real))
     return steps_
 
 
@@ -283,7 +283,8 @@ def test_errors_are_consistent_with_the_covariance(runs):
 
 def test_slack_tendon_has_zero_tension():
     model = rubber(Unknowns(Walk(10.0), tension_bias=Walk(0.05)))
-    estimate = Filter(model).add(0.0, [Tensions([1.0, -0.02, 0.5, 0.3], 0.01)])
+    readings = Tensions([1.0, -0.02, 0.5, 0.3], 0.01)
+    estimate = Estimator({'': model}).add(0, [readings]).estimate
     assert estimate.tensions[1] == estimate.backbone.tensions[0, 1] == 0.0
     # The reading is bias and noise, in proportion to their variances.
     expected = -0.02 * 0.05**2 / (0.05**2 + 0.01**2)
@@ -296,7 +297,7 @@ def test_values_that_are_not_numbers_are_refused(wrong):
         (lambda **given: Walk(**{'stddev': 1.0, **given}), ('stddev', 'rate', 'correlation_time')),
         (Rules, ('gate', 'cell_fault', 'sensor_fault', 'recover_after')),
         (partial(Estimator, {'': rubber(FORCE_AT_TIP)}), ('window', 'change_time')),
-        (partial(Filter(rubber(FORCE_AT_TIP)).add, measurements=[]), ('time',)),
+        (partial(Estimator({'': rubber(FORCE_AT_TIP)}).add, measurements=[]), ('stamp_ns',)),
     ):
         for name in names:
             with pytest.raises(MeasurementError, match=f'{name}.* is {wrong!r}, expected [^\n]*$'):
@@ -305,22 +306,21 @@ def test_values_that_are_not_numbers_are_refused(wrong):
 
 def test_invalid_arguments_are_refused():
     model = rubber(FORCE_AT_TIP)
+    add = Estimator({'': model}).add
     for build, message in (
         (lambda: ArmModel(RUBBER, None), 'unknowns is None, expected an instance of Unknowns'),
         (lambda: ArmModel(RUBBER, Unknowns(5.0)), 'tension is 5.0, expected an instance of Walk'),
         (lambda: ArmModel(RUBBER, FORCE_AT_TIP, loads=5), 'loads is 5, expected an instance of L'),
         (lambda: ArmModel.of('arm.yaml', FORCE_AT_TIP), "config is 'arm.yaml', expected an inst"),
-        (lambda: Filter(RUBBER), r'model is Arm\(.*, expected an instance of ArmModel'),
-        (lambda: Filter(model, rules=0.99), 'rules is 0.99, expected an instance of Rules'),
-        (
-            lambda: Filter(model).add(0.0, [TENSIONS]),
-            r'a measurement is \[.*, expected an instance',
-        ),
+        (lambda: Estimator({'a': RUBBER}), r"'a'\] is Arm\(.*, expected an instance of ArmModel"),
+        (lambda: Estimator({'': model}, 0.99), 'rules is 0.99, expected an instance of Rules'),
+        (lambda: add(0, [TENSIONS]), r'a measurement is \[.*, expected an instance'),
+        (lambda: add(0, Tensions(TENSIONS, 0.1)), 'measurements is <.*, expected an instance of'),
         (lambda: Estimator([model]), r'models is \[.*, expected an instance of Mapping'),
         (lambda: smooth(model, [(math.nan, [])]), 'time nan s comes after -inf s, expected them'),
-        (lambda: Filter(model).add(math.nan, []), 'time'),
-        (lambda: Filter(model).add(math.inf, []), 'time'),
-        (lambda: Filter(model, -1.0), 'window is -1'),
+        (lambda: add(math.nan, []), r'stamp_ns is nan, expected an integer \[ns\]'),
+        (lambda: add(1.5, []), 'stamp_ns is 1.5'),
+        (lambda: Estimator({'': model}, window=-1.0), 'window is -1'),
         (lambda: Rules(gate=1.0), 'gate is 1.0, expected'),
         (lambda: Rules(cell_fault=-0.1), 'cell_fault is -0.1, expected'),
         (lambda: Rules(recover_after=-1.0), 'recover_after is -1.0, expected'),
@@ -349,11 +349,8 @@ KINDS = {
 
 
 def estimated(kind, measurements=()):
-    return Filter(rubber(KINDS[kind])).add(0.0, [Tensions(TENSIONS, 0.01), *measurements])
-
-
-def test_no_contact_without_an_unknown_force():
-    assert contact_of(estimated('none'), RUBBER) is None
+    data = [Tensions(TENSIONS, 0.01), *measurements]
+    return Estimator({'': rubber(KINDS[kind])}).add(0, data).estimate
 
 
 @pytest.mark.parametrize('kind', ['tip', 'point', 'current'])
@@ -366,6 +363,7 @@ def test_force_keeps_its_prior_with_tensions_only(kind):
     assert contact.is_at_tip == (kind == 'tip')
     expected = {'tip': LENGTH, 'point': 0.12, 'current': math.nan}[kind]
     np.testing.assert_equal(contact.s, expected)
+    assert contact_of(estimated('none'), RUBBER) is None
 
 
 FORCE = np.array([1e-3, -4e-3, 8e-3])  # total force [N]

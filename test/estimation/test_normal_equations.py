@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from octo_arm_model import Arm, Body, Material, Section, Solver
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.estimate import Estimate
-from octo_arm_model.estimation.estimator import Filter
+from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import Measurement, Tensions, TipPosition
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.smoother import smooth
@@ -91,7 +91,7 @@ class Course:
 def test_filter_and_smoother_solve_the_normal_equations(arm, force):
     course = Course(arm, force)
     recording, states = course.recording(3, 4)
-    recursive = Filter(course.model)
+    recursive = Estimator({'': course.model})
 
     def check(estimate: Estimate, mean: FloatArray, covariance: FloatArray) -> None:
         stddev = np.sqrt(np.diag(covariance))
@@ -100,20 +100,21 @@ def test_filter_and_smoother_solve_the_normal_equations(arm, force):
         scale = np.outer(stddev, stddev)
         assert_allclose(estimate.covariance / scale, covariance / scale, rtol=0.0, atol=0.03)
 
-    for count, step in enumerate(recording, start=1):
+    for count, (time, data) in enumerate(recording, start=1):
         means, covariances = course.solve(recording[:count], states[:count])
-        check(recursive.add(*step), means[-1], covariances[-1])
+        check(recursive.add(round(1e9 * time), data).estimate, means[-1], covariances[-1])
     for smoothed in zip(smooth(course.model, recording), means, covariances):
         check(*smoothed)
 
 
 def test_a_tip_that_is_thrown_far_within_a_period_is_accepted():
     unknowns = Unknowns(Walk(0.2, 0.4), tip_force=Walk.stationary(2e-3, FORCE_TIME))
-    recursive, solver = Filter(ArmModel(RUBBER, unknowns)), Solver(RUBBER, 'exact')
+    recursive = Estimator({'': ArmModel(RUBBER, unknowns)})
+    solver = Solver(RUBBER, 'exact')
     for step, tendon in enumerate([0, 2, 1, 3, 0]):
         tensions = 0.3 * np.eye(4)[tendon]
         tip = solver.solve([tensions], np.array([0.0, 1e-3, -1e-3, 0.0, 0.0, 0.0])).tip
         data = [Tensions(tensions, CELL), TipPosition(tip, 1e-3)]
-        estimate = recursive.add(PERIOD * step, data)
+        estimate = recursive.add(round(1e9 * PERIOD * step), data).estimate
         assert not estimate.refused
         assert_allclose(estimate.backbone.tip, tip, rtol=0.0, atol=1e-3)
