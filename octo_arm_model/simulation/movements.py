@@ -22,6 +22,7 @@ from octo_arm_model.config.paper_data import (
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.checks import check_highest, check_tensions
 from octo_arm_model.simulation.profiles import CommandProfile, read_profile
+from octo_arm_model.wire.tensions import TENSION_TOPICS
 
 MOVE_TIME = 3.0  # time from one posture to the next [s]
 HOLD_TIME = 1.0  # time in each posture [s]
@@ -257,8 +258,13 @@ def _preset(name: str) -> Arm:
     return load_config(preset_path(name)).arm
 
 
-# Commanded tensions have the same topics as measured ones, below this name.
+# Commanded tensions have the same topics as measured ones, below this name. Those of JOINTS may be
+# of some tendons, or lengths.
 TOPIC = 'tendon_commands'
+COMMAND_TOPICS = {
+    topic.replace('tendon_tensions', TOPIC, 1): kind for topic, kind in TENSION_TOPICS.items()
+}
+JOINTS = f'{TOPIC}/joint_state'
 
 
 def profile_names(arm: Arm) -> dict[str, str]:

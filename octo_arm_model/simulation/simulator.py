@@ -33,6 +33,7 @@ from octo_arm_model.simulation.hardware import (
     Winches,
 )
 from octo_arm_model.simulation.movements import (
+    JOINTS,
     check_command,
     check_profile,
     find_profile,
@@ -354,7 +355,7 @@ class TendonDrive:
 
 PLUGIN = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
 INTERFACES = ('effort', 'position')
-COMMANDS, STATES = 'tendon_commands/joint_state', 'tendon_states'
+STATES = 'tendon_states'
 _REELING = 1.0  # velocity limit of a tendon in the URDF [m/s]
 
 
@@ -372,7 +373,7 @@ def robot_description(config: Config, interface: str, namespace: str = '') -> st
     hardware = sub(control, 'hardware')
     sub(hardware, 'plugin').text = PLUGIN
     prefix = f'/{namespace.strip("/")}/' if namespace.strip('/') else '/'
-    for name, topic in (('joint_commands_topic', COMMANDS), ('joint_states_topic', STATES)):
+    for name, topic in (('joint_commands_topic', JOINTS), ('joint_states_topic', STATES)):
         sub(hardware, 'param', name=name).text = prefix + topic
     length = f'{config.arm.length:g}'
     for name, highest in zip(config.arm.tendon_names, tendon_limits(config).tolist(), strict=True):

@@ -1,34 +1,31 @@
-"""The commanded tensions over time: from sliders, transitions, profiles and the target search."""
+"""The commanded tensions over time: from sliders, transitions and profiles."""
 
-import contextlib
 import math
 import os
-import queue
 import shlex
-import threading
-from collections.abc import Callable
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike
 
-from octo_arm_model.analysis.inverse import Inverse, find_tensions
-from octo_arm_model.analysis.targets import TipPosition
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import positive
-from octo_arm_model.rod.solver import Solver
 from octo_arm_model.simulation.profiles import CommandProfile, transition
 
 MOVE_TIME = 1.0  # [s] of a transition to a preset or to the first row of a profile
+# [s] after a command in which a report that there is none does not count: it may be older.
+_REPORT_TIME = 2.0
 
 
 class Commander:
     """The tensions to command: constant, in transition to others, or played from a profile.
 
+    They go on from the newest command, of this page or of another node. While no command is known
+    they follow what is measured.
+
     Attributes:
-        tensions: newest commanded tensions [N], (tendons,).
+        tensions: newest tensions [N], (tendons,).
         profile: the profile that is played, or None.
         commands: number of commands so far, of which each replaces the one before.
     """
@@ -42,12 +39,33 @@ class Commander:
         self._transition: CommandProfile | None = None
         self._started = 0.0
         self._is_due = False
+        self._commanded_at: float | None = None  # time of the newest command [s]
 
     def pull(self, tendon: int, tension: float) -> None:
         """Set one tendon to ``tension`` [N] at once; a transition or profile is stopped."""
         self.stop()
         self.tensions[tendon] = tension
         self._is_due = True
+
+    def follow(self, tensions: ArrayLike, now: float) -> None:
+        """Go on from ``tensions`` (tendons,) [N] that another node commands at ``now`` [s].
+
+        They stop a profile. A transition goes on, so that it can end the profile of another page.
+        """
+        self._commanded_at = now
+        if self._transition is None:
+            self.stop()
+            self.tensions = np.array(tensions, dtype=np.float64)
+
+    def measure(self, tensions: FloatArray) -> None:
+        """Go on from measured ``tensions`` (tendons,) [N], unless a command is known."""
+        if self._commanded_at is None and not self.is_moving:
+            self.tensions = tensions.copy()
+
+    def forget(self, now: float) -> None:
+        """Follow what is measured from now on, as what drives the tendons has no command."""
+        if self._commanded_at is not None and now > self._commanded_at + _REPORT_TIME:
+            self._commanded_at = None
 
     def move(self, tensions: ArrayLike, now: float, duration: float = MOVE_TIME) -> None:
         """Start a smooth transition to ``tensions`` [N] at ``now`` [s], of ``duration`` [s]."""
@@ -100,7 +118,10 @@ class Commander:
             if time >= self.profile.duration and not self._loop:
                 self.profile = None
         is_due, self._is_due = self._is_due, False
-        return self.tensions.copy() if is_due else None
+        if not is_due:
+            return None
+        self._commanded_at = now
+        return self.tensions.copy()
 
     def _set(self, tensions: FloatArray) -> None:
         self._is_due = self._is_due or not np.array_equal(tensions, self.tensions)
@@ -125,56 +146,3 @@ def as_shell_line(arm: Arm, tensions: FloatArray, topic: str) -> str:
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
     setting = '' if domain == '0' else f'ROS_DOMAIN_ID={shlex.quote(domain)} '
     return f'{setting}ros2 topic pub -1 {topic} octo_arm_msgs/msg/TendonTensions {message}'
-
-
-Answer = Inverse | OctoArmError
-Request = tuple[FloatArray, FloatArray]  # target of the tip [m] and initial tensions [N]
-
-
-class _Superseded(Exception):
-    """Raised in a search if there is a newer target, or if the search is closed."""
-
-
-class TargetSearch:
-    """Finds tensions for the newest requested target in a thread; older targets are dropped."""
-
-    def __init__(
-        self, solver: Solver, highest: FloatArray, deliver: Callable[[Answer], None]
-    ) -> None:
-        """Search with ``solver`` up to ``highest`` [N]; its thread calls ``deliver``."""
-        self._solver, self._deliver = solver, deliver
-        self._highest = highest.reshape(solver.arm.tension_shape)
-        self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
-        self._last: Request | None = None
-        # A program that ends does not wait for a daemon thread, but would wait for a pool.
-        threading.Thread(target=self._work, name='search', daemon=True).start()
-
-    def request(self, tip: FloatArray, start: FloatArray) -> None:
-        """Search tensions that move the tip to ``tip`` (3,) [m], from ``start`` (tendons,) [N]."""
-        start = np.clip(start.reshape(self._highest.shape), 0.0, self._highest)
-        self._last = np.array(tip), start
-        self._requests.put(self._last)
-
-    def close(self) -> None:
-        """End the search and its thread."""
-        self._last = None
-        self._requests.put(None)
-
-    def _work(self) -> None:
-        while (request := self._requests.get()) is not None:
-            with contextlib.suppress(_Superseded):
-                self._search(request)
-
-    def _search(self, request: Request) -> None:
-        def check() -> None:
-            if request is not self._last:
-                raise _Superseded
-
-        check()
-        try:
-            arguments = self._solver, TipPosition(request[0]), self._highest
-            answer: Answer = find_tensions(*arguments, start=request[1], pause=check)
-        except OctoArmError as error:
-            answer = error
-        check()
-        self._deliver(answer)

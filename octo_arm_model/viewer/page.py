@@ -1,8 +1,9 @@
 """The page of one arm, and the loop that draws published shapes and publishes commands."""
 
+import copy
 import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from functools import partial
 
 import numpy as np
@@ -10,22 +11,25 @@ import viser
 from viser import uplot
 
 from octo_arm_model.analysis.drawing import deepest_overlap
-from octo_arm_model.analysis.inverse import Inverse
+from octo_arm_model.analysis.inverse import Inverse, find_tensions
+from octo_arm_model.analysis.targets import TipPosition
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.section_formulas import widening
 from octo_arm_model.ros.client.client import (
+    COMMANDS,
     DETAILS,
     POSES,
     ArmClient,
     PublishedShape,
     PublishedStrains,
 )
+from octo_arm_model.ros.work import sliced
 from octo_arm_model.simulation.movements import tendon_limits
 from octo_arm_model.viewer import numbers, scene
-from octo_arm_model.viewer.commander import Answer, Commander, TargetSearch
+from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay, MotionControls
 from octo_arm_model.viewer.options import TITLE
 from octo_arm_model.viewer.scene import Cameras, framing, reachable_points, tangent_of
@@ -119,7 +123,8 @@ class Page:
         self._queue, self._is_closed = later, False
         self._solver = config.solver()
         self.commander = Commander(np.zeros(len(config.arm.tendons)))
-        self._has_commanded, self._asked = False, 0
+        self._search: Generator[None, None, Inverse] | None = None
+        self._asked = 0  # number of commands when the search began
         self._read = self._plotted = -np.inf
         self._config = config
         length = config.arm.length
@@ -160,17 +165,24 @@ class Page:
     def close(self) -> None:
         """End the search and drop queued actions."""
         self._is_closed = True
-        self._search.close()
+        if self._search is not None:
+            self._search.close()
         self._controls.close()
 
     def _later(self, action: Callable[[], None]) -> None:
         self._queue(lambda: None if self._is_closed else action())
 
     def command(self) -> None:
-        """Publish the commanded tensions if they have changed."""
-        tensions = self.commander.advance(time.monotonic())
+        """Publish the commanded tensions if they change, as other nodes or a search tell."""
+        now = time.monotonic()
+        if heard := self._client.take_command():
+            present = zip(self._config.arm.tendon_names, self.commander.tensions, strict=True)
+            self.commander.follow([heard.get(name, pull) for name, pull in present], now)
+        elif self._client.has_no_command:
+            self.commander.forget(now)
+        self._go_on_searching(now)
+        tensions = self.commander.advance(now)
         if tensions is not None:
-            self._has_commanded = True
             self._client.command(tensions)
 
     def refuse(self, problem: object) -> None:
@@ -212,9 +224,7 @@ class Page:
         if (covariance := self._client.covariance) is not None:
             force = self._client.force
             self._uncertainty.show(shape.position, shape.quaternion, covariance, force)
-        if not self._has_commanded and not self.commander.is_moving:
-            # Another node commands the arm, and commands of this page start from its tensions.
-            self.commander.tensions = tensions.copy()
+        self.commander.measure(np.clip(tensions, 0.0, self._controls.highest))
         if now - self._plotted > _PLOTTING:
             self._plotted = now
             self._plots.show(strains, self._comparison.backbone)
@@ -245,11 +255,7 @@ class Page:
         self._search_text = gui.add_html(
             numbers.note('Drag it: tensions that bring the tip there are searched in this viewer.')
         )
-        self._search = TargetSearch(
-            config.solver(),  # the thread of the search needs its own solver
-            self._controls.highest,
-            lambda answer: self._later(partial(self._take, answer)),
-        )
+        highest = self._controls.highest.reshape(config.arm.tension_shape)
         target = self._server.scene.add_transform_controls(
             '/target',
             scale=0.18 * config.arm.length,
@@ -266,20 +272,37 @@ class Page:
         def search() -> None:
             self._search_text.content = numbers.note('searching …')
             self._asked = self.commander.commands
-            self._search.request(target.position, self.commander.tensions)
+            if self._search is not None:
+                self._search.close()
+            start = self.commander.tensions.reshape(highest.shape).clip(0.0, highest)
+            # The thread of the search needs its own solver.
+            solver, tip = copy.copy(self._solver), np.array(target.position)
+
+            def find(pause: Callable[[], None]) -> Inverse:
+                return find_tensions(solver, TipPosition(tip), highest, start=start, pause=pause)
+
+            self._search = sliced(find, 0.0)
 
         checkbox.on_update(lambda event: self._later(show))
         target.on_update(lambda event: self._later(search))
 
-    def _take(self, answer: Answer) -> None:
+    def _go_on_searching(self, now: float) -> None:
+        """Move to what the search has found, unless a newer command has come meanwhile."""
+        if (search := self._search) is None:
+            return
+        self._search = None
         if self._asked != self.commander.commands:
+            search.close()
             self._search_text.content = numbers.note('A newer command has replaced the search.')
-        elif isinstance(answer, Inverse):
-            self._search_text.content = numbers.search_result(answer)
-            self.commander.move(answer.backbone.tensions, time.monotonic(), _APPROACH)
-            self._asked = self.commander.commands
-        else:
-            self._search_text.content = numbers.error_text(answer)
+            return
+        try:
+            next(search)
+            self._search = search
+        except StopIteration as end:
+            self._search_text.content = numbers.search_result(end.value)
+            self.commander.move(end.value.backbone.tensions, now, _APPROACH)
+        except OctoArmError as error:
+            self._search_text.content = numbers.error_text(error)
 
 
 FRAME = 1.0 / 30.0  # [s] between pictures while a browser is connected
@@ -359,7 +382,8 @@ class Viewer:
 
     def _listen(self) -> bool:
         """Poll the client, build a page for a new arm; return whether there is a new shape."""
-        self._client.listen({**POSES, **DETAILS} if self._always or self._is_watched else {})
+        shapes = {**POSES, **DETAILS} if self._always or self._is_watched else {}
+        self._client.listen({**COMMANDS, **shapes})
         try:
             has_shape = self._client.poll()
             config = self._client.config

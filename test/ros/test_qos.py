@@ -17,7 +17,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, Reliabi
 from octo_arm_model import ConfigError
 from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
+from octo_arm_model.ros.client.client import COMMANDS, DETAILS, POSES, ArmClient
 from octo_arm_model.ros.estimator.main import EstimatorNode, ManagedEstimatorNode
 from octo_arm_model.ros.node.main import ManagedOctoArmNode, OctoArmNode
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
@@ -205,7 +205,7 @@ def nodes_of(enclave: str, namespace: str, context: object) -> list[Node]:
         automatically_declare_parameters_from_overrides=True,
     )
     client = ArmClient(viewer)
-    client.listen({**POSES, **DETAILS})
+    client.listen({**COMMANDS, **POSES, **DETAILS})
     assert client.simulator is not None  # as its page uses it
     return [viewer]
 

@@ -1,9 +1,8 @@
 """Commanded tensions over time, targets, and the controls of an arm that moves, over real DDS."""
 
+import contextlib
 import dataclasses
-import queue
 import shlex
-import threading
 from functools import partial
 from types import SimpleNamespace
 
@@ -13,22 +12,24 @@ import rclpy
 import viser
 import yaml
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, Vector3Stamped
-from live_nodes import DEADLINE, RosClient, hosting, new_domain, xyz
+from live_nodes import RosClient, hosting, new_domain, xyz
 from numpy.testing import assert_allclose, assert_array_equal
-from std_msgs.msg import Header
-from std_srvs.srv import SetBool
+from octo_arm_msgs.msg import TendonTensions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, String
+from std_srvs.srv import SetBool, Trigger
 
 from octo_arm_model import ConfigError, MotionProperties, load_config
 from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros.client.client import ArmClient
+from octo_arm_model.ros.client.client import COMMANDS, ArmClient
 from octo_arm_model.ros.client.commands import SimulatorClient
+from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator.main import SimulatorNode
-from octo_arm_model.simulation.movements import highest_tensions
+from octo_arm_model.simulation.movements import JOINTS
 from octo_arm_model.simulation.profiles import CommandProfile
-from octo_arm_model.viewer import numbers
-from octo_arm_model.viewer.commander import Commander, TargetSearch, as_shell_line, as_yaml
+from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.controls import MotionControls
 from octo_arm_model.viewer.page import Page as ArmPage
 from octo_arm_model.viewer.scene import Cameras
@@ -90,34 +91,55 @@ def test_copied_tensions_are_the_message_they_stand_for(names, monkeypatch):
     assert shlex.split(line) == ['ROS_DOMAIN_ID=7', *words, message]
 
 
-def answer_to(*targets):
-    """That of a search that is asked for all of the ``targets`` at once."""
-    answers = queue.SimpleQueue()
-    search = TargetSearch(SOLVER, highest_tensions(CONFIG.arm), answers.put)
-    for target in targets:
-        search.request(target, np.zeros(12))
-    found = answers.get(timeout=DEADLINE)
-    # The end of a program does not wait for a search.
-    assert all(one.daemon for one in threading.enumerate() if one.name.startswith('search'))
-    search.close()
-    assert answers.empty()
-    return found
+@contextlib.contextmanager
+def paged(client, server, file):
+    """A page of the arm in ``file``, and its client of the nodes there."""
+    arm = ArmClient(rclpy.create_node('viewer', context=client.context))
+    arm.listen(COMMANDS)
+    client.teller(String, 'arm_description', LATCHED_QOS)(data=file.read_text())
+    client.wait(lambda: arm.poll() or arm.config, 'an arm')
+    with contextlib.closing(
+        ArmPage(server, Cameras(server), arm, arm.config, lambda act: act())
+    ) as page:
+        yield page, arm
 
 
-def test_of_many_targets_the_newest_is_found():
+@pytest.fixture
+def answer_to(server):
+    """A function that drags the target of a page to places, and returns tensions and a text."""
+    with contextlib.closing(RosClient(new_domain())) as client:
+        with paged(client, server, preset_path('renda2012_table4')) as (page, _):
+            target = server.scene.get_handle_by_name('/target')
+
+            def answer_to(*targets):
+                for target.position in targets:
+                    for callback in target._impl_aux.update_cb:
+                        callback(SimpleNamespace())
+                    page.command()
+
+                def is_over():
+                    page.command()
+                    text = page._search_text.content
+                    return 'searching' not in text and not page.commander.is_moving
+
+                client.wait(is_over, 'an answer')
+                return page.commander.tensions.reshape(3, 4), page._search_text.content
+
+            yield answer_to
+
+
+def test_of_many_targets_the_newest_is_found(answer_to):
     last = SOLVER.solve(0.5 * np.array(FETCHING_IN_SPACE)).tip
-    answer = answer_to(*([x, 0.1, -0.1] for x in (0.44, 0.3, 0.2)), last)
-    assert answer.reached
-    assert_allclose(answer.backbone.tip, last, atol=1e-6)
-    assert 'reached: the tip is within' in numbers.search_result(answer)
+    tensions, text = answer_to(*([x, 0.1, -0.1] for x in (0.44, 0.3, 0.2)), last)
+    assert_allclose(SOLVER.solve(tensions).tip, last, atol=1e-6)
+    assert 'reached: the tip is within' in text
 
 
-def test_what_cannot_be_reached_or_is_nonsense_is_told():
-    answer = answer_to([0.5, 0.0, 0.0])
-    assert not answer.reached and answer.error == pytest.approx(0.05, rel=1e-3)
-    assert 'out of reach: the nearest found leaves 50.0 mm' in numbers.search_result(answer)
-    answer = answer_to([np.nan, 0.0, 0.0])
-    assert 'finite' in numbers.error_text(answer)
+def test_what_cannot_be_reached_or_is_nonsense_is_told(answer_to):
+    _, text = answer_to([0.5, 0.0, 0.0])
+    assert 'out of reach: the nearest found leaves 50.0 mm' in text
+    _, text = answer_to([np.nan, 0.0, 0.0])
+    assert 'finite' in text
 
 
 FILE = preset_path('renda2012_prototype')
@@ -239,3 +261,84 @@ def test_a_problem_is_shown_above_the_tabs(server):
     assert [text for text in texts if 'a profile beyond the limits' in text]
     page.close()
     client.close()
+
+
+def test_commands_go_on_from_the_newest_command_of_any_node(server):
+    with contextlib.ExitStack() as stack:
+        client = stack.enter_context(hosting(SimulatorNode, files=[FILE], rate=50.0))
+        heard = client.hear(TendonTensions, 'tendon_commands')
+        readings = client.hear(TendonTensions, 'tendon_tensions')
+        both = [stack.enter_context(paged(client, server, FILE)) for _ in range(2)]
+        pages, arms = zip(*both, strict=True)
+        others = {
+            topic: client.teller(kind, topic)
+            for topic, kind in (('tendon_commands', TendonTensions), (JOINTS, JointState))
+        }
+
+        def turn():
+            for arm, page in zip(arms, pages, strict=True):
+                arm.poll()
+                page.command()
+
+        def pull(page, tendon, tension, expected):
+            page.commander.pull(tendon, tension)
+            turn()
+            client.wait(lambda: heard and list(heard[-1].tension) == expected, 'it', turn)
+            follow(expected)
+
+        def follow(expected):
+            def all_follow():
+                return all(page.commander.tensions.tolist() == expected for page in pages)
+
+            client.wait(all_follow, 'both pages', turn)
+
+        names = list(arms[0].config.arm.tendon_names)
+        client.wait(lambda: client.node.count_subscribers('/tendon_commands') == 4, 'all')
+        pull(pages[0], 0, 1.0, [1.0, 0.0, 0.0, 0.0])
+        pull(pages[1], 1, 2.0, [1.0, 2.0, 0.0, 0.0])
+        pull(pages[0], 2, 0.5, [1.0, 2.0, 0.5, 0.0])
+        others['tendon_commands'](name=names, tension=[0.1, 0.2, 0.3, 0.4])
+        follow([0.1, 0.2, 0.3, 0.4])
+        pull(pages[0], 2, 0.5, [0.1, 0.2, 0.5, 0.4])
+        client.wait(lambda: client.node.count_subscribers(f'/{JOINTS}') == 3, 'all')
+        others[JOINTS](name=names[:1], effort=[0.7])
+        follow([0.7, 0.2, 0.5, 0.4])
+        # What no arm can follow, the simulator refuses too.
+        for refused in ([0.1, 0.2, 1e9, 0.4], [np.nan] * 4, [0.1]):
+            message = TendonTensions(name=names[: len(refused)], tension=refused)
+            client.logs.clear()
+            client.log('commands refused', again=partial(others['tendon_commands'], message))
+            turn()
+        pull(pages[1], 3, 0.6, [0.7, 0.2, 0.5, 0.6])
+
+        # A reset, or another simulator, has no command: pages then follow what is measured.
+        assert client.call(Trigger, 'reset', Trigger.Request()).success
+
+        def measured():
+            turn()
+            for page in pages:
+                page.commander.measure(np.array(readings[-1].tension))
+            return all(not page.commander.tensions.any() for page in pages)
+
+        client.wait(measured, 'slack tendons')
+        pull(pages[0], 1, 0.3, [0.0, 0.3, 0.0, 0.0])
+
+
+def test_a_command_of_another_node_ends_a_profile_but_no_transition():
+    commander = Commander([2.0, 0.0])
+    commander.play(RAMP, 0.0)
+    commander.follow([5.0, 5.0], 0.5)
+    assert commander.advance(0.6) is not None and commander.profile is RAMP
+    commander.advance(1.0)
+    commander.follow([5.0, 4.0], 1.1)
+    assert commander.profile is None and commander.advance(1.2) is None
+    commander.pull(0, 1.0)
+    assert_array_equal(commander.advance(1.3), [1.0, 4.0])
+    commander.measure(np.array([0.9, 3.9]))
+    assert_array_equal(commander.tensions, [1.0, 4.0])
+    commander.forget(2.0)  # may be older than the command
+    commander.measure(np.array([0.9, 3.9]))
+    assert_array_equal(commander.tensions, [1.0, 4.0])
+    commander.forget(4.0)
+    commander.measure(np.array([0.9, 3.9]))
+    assert_array_equal(commander.tensions, [0.9, 3.9])

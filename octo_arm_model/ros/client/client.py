@@ -11,7 +11,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
 from octo_arm_msgs.msg import BackboneCovariance as CovarianceMessage
-from octo_arm_msgs.msg import SectionStrains
+from octo_arm_msgs.msg import SectionStrains, TendonTensions
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -26,13 +26,20 @@ from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.client.commands import CommandPublisher, SimulatorClient
+from octo_arm_model.ros.node.inputs import INPUT_QOS
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
-from octo_arm_model.ros.simulator.publishers import PAUSED
-from octo_arm_model.ros.topics import decoded, take_all
-from octo_arm_model.simulation.movements import TOPIC
+from octo_arm_model.ros.simulator.publishers import NO_COMMAND, PAUSED, PROFILE
+from octo_arm_model.ros.topics import decoded, message_class, take_all
+from octo_arm_model.simulation.movements import (
+    COMMAND_TOPICS,
+    JOINTS,
+    TOPIC,
+    check_command,
+    tendon_limits,
+)
 from octo_arm_model.wire import estimate
 from octo_arm_model.wire.backbone import TENDON_LENGTHS, read_poses
-from octo_arm_model.wire.tensions import JOINT_STATE
+from octo_arm_model.wire.tensions import JOINT_STATE, read_joint_commands
 
 # With best effort, a slow reader never blocks the publisher.
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -159,6 +166,11 @@ DETAILS: dict[str, Any] = {
     estimate.TIP_WRENCH: WrenchStamped,
     estimate.CONTACT: WrenchStamped,
 }
+# The commands that any node publishes, this one too.
+COMMANDS: dict[str, Any] = {
+    topic: message_class(kind.type_name) for topic, kind in COMMAND_TOPICS.items()
+}
+_MOST_SENT = 100  # commands of which it is known that they are of this client
 _MOST_PROBLEMS, _LONGEST_PROBLEM = 64, 1000  # problems kept, and characters of each
 _STALE = 5.0  # [s] without news after which a problem is forgotten, as that of a node that ended
 _DIAGNOSTICS_QOS = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -177,6 +189,7 @@ class ArmClient:
         covariance: newest covariance of shape and contact, from an estimator; None until received.
         force: newest estimated force on the arm [N], (3,); None until received.
         is_paused: whether the diagnostics of a simulator report a pause; None until received.
+        has_no_command: whether they report that it has no command, or plays a profile instead.
     """
 
     def __init__(self, node: Node, namespace: str = '') -> None:
@@ -206,6 +219,9 @@ class ArmClient:
         self._text = ''
         self.config: Config | None = None
         self.is_paused: bool | None = None
+        self.has_no_command = False
+        self._sent: collections.deque[TendonTensions] = collections.deque(maxlen=_MOST_SENT)
+        self._commanded: dict[str, float] = {}
         self._forget()
 
     @functools.cached_property
@@ -222,15 +238,16 @@ class ArmClient:
         self.force: FloatArray | None = None
 
     def listen(self, topics: Mapping[str, Any]) -> None:
-        """Subscribe to ``topics``, such as `POSES` and `DETAILS`, and unsubscribe from others.
+        """Subscribe to ``topics``, as `POSES`, `DETAILS` or `COMMANDS`, and to no others.
 
         Every subscription costs the node of the arm time for each shape.
         """
         for name in self._topics.keys() - topics.keys():
             self._topics.pop(name).close(self._node)
         for name in topics.keys() - self._topics.keys():
-            self._topics[name] = Topic(self._node, topics[name], self._prefix + name)
-        if not topics:
+            qos = INPUT_QOS if name in COMMANDS else NEWEST_QOS
+            self._topics[name] = Topic(self._node, topics[name], self._prefix + name, qos)
+        if _SHAPES not in topics:
             self._forget()
 
     def poll(self) -> bool:
@@ -267,6 +284,8 @@ class ArmClient:
             pass  # of an arm that is not described yet
         elif name == _SHAPES:
             self._read_shape(data, info)
+        elif name in COMMANDS:
+            self._read_command(name, decoded(data, COMMANDS[name]), self.config)
         else:
             self._read_detail(name, decoded(data, DETAILS[name]), self.config.arm)
 
@@ -295,7 +314,7 @@ class ArmClient:
 
     def _read_description(self, text: str) -> None:
         if text != self._text:
-            self._text, self.config = text, None
+            self._text, self.config, self._commanded = text, None, {}
             self._forget()
             config = Config.from_parameters(parse_parameters(text, _DESCRIPTION))
             self._commands.use(config)
@@ -354,7 +373,30 @@ class ArmClient:
             TensionError: if one is not finite, negative or above its limit; nothing is published.
         """
         assert self.config is not None
-        self._commands.publish(tensions, self._node.get_clock().now().to_msg())
+        stamp = self._node.get_clock().now().to_msg()
+        self._sent.append(self._commands.publish(tensions, stamp))
+
+    def take_command(self) -> dict[str, float]:
+        """Return the newest tensions [N] by tendon that other nodes command since the last call.
+
+        It is empty if they command none; messages of joint states may name some tendons only.
+        """
+        command, self._commanded = self._commanded, {}
+        return command
+
+    def _read_command(self, name: str, message: Any, config: Config) -> None:
+        if message in self._sent:  # rclpy does not tell who has published it
+            return
+        arm = config.arm
+        with contextlib.suppress(OctoArmError):  # refused by what drives the tendons too
+            if name == JOINTS:
+                named, _ = read_joint_commands(message, arm)
+            else:
+                tensions = COMMAND_TOPICS[name].read(message, arm).ravel().tolist()
+                named = dict(zip(arm.tendon_names, tensions, strict=True))
+            requested = np.array([named.get(tendon, 0.0) for tendon in arm.tendon_names])
+            check_command(arm, requested, tendon_limits(config))
+            self._commanded |= named
 
     def _read_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -362,7 +404,9 @@ class ArmClient:
                 continue
             task = status.name.rpartition(': ')[2]
             if task == 'simulator':
-                self.is_paused = any(item.value == PAUSED for item in status.values)
+                source = next((item.value for item in status.values if item.key == 'source'), '')
+                self.is_paused = source == PAUSED
+                self.has_no_command = source in (NO_COMMAND, PROFILE)
             # The output warns of skipped tensions, which are expected at high rates.
             is_well = status.level == DiagnosticStatus.OK or task == 'output'
             problem = '' if is_well else f'{task}: {status.message}'[:_LONGEST_PROBLEM]

@@ -53,8 +53,8 @@ class CommandPublisher:
         """Publish for the arm of ``config`` and check its tension limits from now on."""
         self._config, self._limits = config, tendon_limits(config)
 
-    def publish(self, tensions: ArrayLike, stamp: Time, frame: str = '') -> None:
-        """Publish ``tensions`` (tendons,) or as `Arm.tension_shape` [N] of all tendons.
+    def publish(self, tensions: ArrayLike, stamp: Time, frame: str = '') -> TendonTensions:
+        """Publish ``tensions`` (tendons,) or as `Arm.tension_shape` [N]; return the message.
 
         Raises:
             TensionError: if they do not fit this arm, or one is above its limit; nothing is
@@ -63,7 +63,9 @@ class CommandPublisher:
         assert self._config is not None
         arm = self._config.arm
         checked = check_command(arm, tensions, self._limits)
-        self.publisher.publish(tensions_message(checked, arm, stamp, frame))
+        message = tensions_message(checked, arm, stamp, frame)
+        self.publisher.publish(message)
+        return message
 
 
 RELEASE_TIME = 2.0  # [s] of the ramp from the last tensions to zero

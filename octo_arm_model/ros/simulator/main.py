@@ -35,12 +35,10 @@ from octo_arm_model.ros.simulator import publishers, services
 from octo_arm_model.ros.start import CheckedNode
 from octo_arm_model.ros.work import steady_timer, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm, check_values
-from octo_arm_model.simulation.movements import TOPIC, check_command
-from octo_arm_model.simulation.simulator import COMMANDS as JOINT_COMMANDS
+from octo_arm_model.simulation.movements import COMMAND_TOPICS, JOINTS, TOPIC, check_command
 from octo_arm_model.simulation.simulator import PARAMETERS, SimulatorConfig, TendonDrive
 from octo_arm_model.wire.tensions import (
     NONE,
-    TENSION_TOPICS,
     TensionMessage,
     read_displacements,
     read_joint_commands,
@@ -72,12 +70,9 @@ class SimulatorNode(CheckedNode):
         self._live.begin()
         services.SimulationServices(self, self._time, self._reset, self._save, self._restore)
         inputs = Inputs(self, self._diagnostics.refuse, self._diagnostics.count)
-        for topic, message in TENSION_TOPICS.items():
-            command = topic.replace('tendon_tensions', TOPIC, 1)
-            if command != JOINT_COMMANDS:
-                kind = topics.message_class(message.type_name)
-                inputs.subscribe(kind, command, partial(self._on_command, message))
-        inputs.subscribe(JointState, JOINT_COMMANDS, self._on_joints)
+        for topic, message in COMMAND_TOPICS.items():
+            read = self._on_joints if topic == JOINTS else partial(self._on_command, message)
+            inputs.subscribe(topics.message_class(message.type_name), topic, read)
         self._lengths = inputs.subscribe(JointState, f'{TOPIC}/displacements', self._on_lengths)
         inputs.subscribe(Vector3Stamped, services.PUSH_TOPIC, self._on_push, is_answered=False)
         inputs.subscribe(PoseStamped, 'base_pose', self._on_base, is_answered=False)
@@ -115,6 +110,7 @@ class SimulatorNode(CheckedNode):
             self.get_logger().warning(lost)
         if config.model.arm.tendon_names != previous.model.arm.tendon_names:
             self._command = np.zeros(len(config.model.arm.tendons))
+            self._is_commanded = False
             self.get_logger().warning('all tendons go slack, as they have other names')
         elif (self._command > config.limits).any():
             self._command = np.minimum(self._command, config.limits)
@@ -144,7 +140,7 @@ class SimulatorNode(CheckedNode):
         lengths: Mapping[str, float],
     ) -> None:
         """Use ``command`` [N]; record ``tensions`` [N] of free tendons and ``lengths`` [m]."""
-        self._command, self._is_playing = command, False
+        self._command, self._is_commanded, self._is_playing = command, True, False
         held = self._drive.held
         pulled = {name: ('N', float(pull)) for name, pull in tensions.items() if name not in held}
         driven = {name: ('m', length) for name, length in lengths.items()}
@@ -197,6 +193,7 @@ class SimulatorNode(CheckedNode):
             config.pushed_arm.reset()
         # Times since the beginning; of the profile a float, as its speed need not be 1.
         self._is_playing, self._played_ns, self._time_ns = config.profile is not None, 0.0, 0
+        self._is_commanded = False
         self._push.forget()
 
     def _state_file(self) -> tuple[DynamicArm, Path]:
@@ -237,6 +234,7 @@ class SimulatorNode(CheckedNode):
         self._drive.hardware.state, self._drive.held = values['hardware'], held
         self._command, self._played_ns = values['command'], values['played'].item()
         self._is_playing = bool(values['playing']) and config.profile is not None
+        self._is_commanded = False
         self._time_ns = round(values['time_ns'].item())
         self._time.is_stopped = False
         self._push.forget()
@@ -299,8 +297,9 @@ class SimulatorNode(CheckedNode):
         return message
 
     def _report(self) -> None:
-        followed = 'profile' if self._is_playing else 'commands'
-        source = publishers.PAUSED if self._time.is_paused else followed
+        source = publishers.COMMANDS if self._is_commanded else publishers.NO_COMMAND
+        source = publishers.PROFILE if self._is_playing else source
+        source = publishers.PAUSED if self._time.is_paused else source
         has_time = self._config.course.publish_clock or self.get_clock().now().nanoseconds
         problem = self._commanders.report() if has_time else diagnostics.NO_TIME
         with until_shutdown(self.context):

@@ -191,7 +191,9 @@ def _distance(command: Command, other: Command) -> float:
 
 
 _SLOW = 0.2  # time by which an arm falls behind the clock, over that in which it moved
-PAUSED = 'nothing, as it is paused'  # the source in the diagnostics of a paused simulator
+# What a simulator follows, as its diagnostics say.
+COMMANDS, PROFILE = 'commands', 'profile'
+NO_COMMAND, PAUSED = 'no command yet', 'nothing, as it is paused'
 
 
 class SimulatorDiagnostics:

@@ -15,7 +15,8 @@ from sensor_msgs.msg import JointState
 from octo_arm_model import ConfigError, load_config, solve_displacements
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.simulator.main import SimulatorNode
-from octo_arm_model.simulation.simulator import COMMANDS, STATES, robot_description
+from octo_arm_model.simulation.movements import JOINTS
+from octo_arm_model.simulation.simulator import STATES, robot_description
 
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)
@@ -36,7 +37,7 @@ class TopicSystem(RosClient):
 
     def __init__(self, domain, node='octo_arm_sim'):
         super().__init__(domain, node)
-        self.tell = self.teller(JointState, COMMANDS, QoSProfile(depth=1))
+        self.tell = self.teller(JointState, JOINTS, QoSProfile(depth=1))
         self.states = self.hear(JointState, STATES, qos_profile_sensor_data)
         self.sent = 0
 
@@ -184,7 +185,7 @@ def test_other_commands_are_refused_counted_and_the_one_before_is_kept(system, c
     system.diagnostics.clear()
 
     bad = partial(system.tell, name=names, **arrays)
-    system.log(f'/{COMMANDS} refused: ', reason, again=bad)
+    system.log(f'/{JOINTS} refused: ', reason, again=bad)
     system.wait(lambda: reason in system.status('simulator')[1]['last refusal'], 'its count', bad)
     assert int(system.status('simulator')[1]['refused'])
     assert_allclose(system.states[-1].effort, before, atol=1e-12)
