@@ -183,6 +183,31 @@ class StatusLine(contextlib.AbstractContextManager['StatusLine']):
             self._is_open = False
 
 
+WARNING_PERIOD = 1.0  # [s] between lines about the same
+
+
+class RefusalLog:
+    """Logs what is refused, at most one line for each ``what`` and period.
+
+    Frequent refusals of one thing do not hide rare ones of another. The logger of ROS looks up the
+    line that calls it for that, which takes longer than solving an arm.
+    """
+
+    def __init__(self, warn: Callable[[str], object]) -> None:
+        """Log by calls of ``warn``."""
+        self._warn = warn
+        self._logged: dict[str, tuple[float, int]] = {}  # time of the next line, lines left out
+
+    def add(self, what: str, why: str) -> None:
+        """Log ``what`` and ``why``, or count it until the next line."""
+        now, (due, left_out) = time.monotonic(), self._logged.get(what, (-math.inf, 0))
+        if now < due:
+            self._logged[what] = due, left_out + 1
+            return
+        self._logged[what] = now + WARNING_PERIOD, 0
+        self._warn(f'{what}: {why}' + (f' (and {left_out} before that)' if left_out else ''))
+
+
 class _CallbackHandler(logging.Handler):
     """Calls a function with every log record."""
 

@@ -32,9 +32,8 @@ from ros_domains import new_domain, reserved_domain
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from octo_arm_model import load_config
+from octo_arm_model import load_config, terminal
 from octo_arm_model.config.parameter_files import preset_path
-from octo_arm_model.ros import start
 from octo_arm_model.ros.estimator.main import EstimatorNode, ManagedEstimatorNode
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.main import ManagedOctoArmNode, OctoArmNode, make_executor
@@ -52,7 +51,7 @@ CONFIG_FILE = preset_path('renda2012_table4')
 CONFIG = load_config(CONFIG_FILE)
 NAMES = list(CONFIG.arm.tendon_names)
 # Nodes in this process report and warn each 0.2 s instead of each second, to shorten tests.
-diagnostics.PERIOD = start.WARNING_PERIOD = 0.2
+diagnostics.PERIOD = terminal.WARNING_PERIOD = 0.2
 NODES = {'node': OctoArmNode, 'lifecycle': ManagedOctoArmNode, 'simulator': SimulatorNode}
 # Names of nodes other than octo_arm.
 _OTHERS = {

@@ -3,7 +3,6 @@
 import contextlib
 import re
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -25,7 +24,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 
-from octo_arm_model.arm.errors import ConfigError, OctoArmError, in_short, shown
+from octo_arm_model import terminal
+from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.config import parameter_files
 from octo_arm_model.config.files import load_yaml, read_text
@@ -128,40 +128,6 @@ def client_node(name: str, arguments: Sequence[str] = ()) -> Iterator[Node]:
         rclpy.try_shutdown()
 
 
-WARNING_PERIOD = 1.0  # [s] between warnings of one topic
-
-
-class RefusalLog:
-    """Logs warnings of refused messages, at most one per topic and period.
-
-    Every topic has its own period, so that frequent refusals on one topic do not hide rare ones on
-    another. The logger's own throttle looks up the calling line, which takes longer than solving
-    an arm.
-    """
-
-    def __init__(self, node: Node) -> None:
-        """Warn through the logger of ``node``."""
-        self._node = node
-        self._next: dict[str, float] = {}
-
-    def warn(self, topic: str, error: OctoArmError) -> None:
-        """Log why a message on the subscribed ``topic`` was refused, unless it is too soon."""
-        if self._is_time(topic):
-            self._node.get_logger().warning(f'{topic} refused: {in_short(error)}')
-
-    def say(self, topic: str, words: str) -> None:
-        """Log ``words``, the consequence of an accepted message on ``topic``, once a period."""
-        if self._is_time(f'{topic}:'):
-            self._node.get_logger().warning(f'{topic}: {words}')
-
-    def _is_time(self, key: str) -> bool:
-        now = time.monotonic()
-        if now < self._next.get(key, now):
-            return False
-        self._next[key] = now + WARNING_PERIOD
-        return True
-
-
 # builtin_interfaces/Time has 32-bit seconds, and rclpy accepts no negative ones.
 _LAST_SECOND = 2**31 - 1
 _HIGHEST_TYPE = ParameterType.PARAMETER_STRING_ARRAY
@@ -216,7 +182,7 @@ class CheckedNode(Node):
         if sec < 0 or sec + nanosec // 10**9 > _LAST_SECOND:
             self.get_logger().warning(
                 f'/clock refused: it is {sec} s and {nanosec} ns, expected 0 to {_LAST_SECOND} s',
-                throttle_duration_sec=WARNING_PERIOD,
+                throttle_duration_sec=terminal.WARNING_PERIOD,
             )
             return
         take(message)
@@ -235,7 +201,9 @@ class CheckedNode(Node):
         if not any(problems):
             return answer(request, response)
         reason = next(filter(None, problems))
-        self.get_logger().warning(f'refused: {reason}', throttle_duration_sec=WARNING_PERIOD)
+        self.get_logger().warning(
+            f'refused: {reason}', throttle_duration_sec=terminal.WARNING_PERIOD
+        )
         if isinstance(response, SetParametersAtomically.Response):
             response.result = SetParametersResult(successful=False, reason=reason)
         elif isinstance(response, SetParameters.Response):

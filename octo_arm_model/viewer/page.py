@@ -33,7 +33,7 @@ from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay, MotionControls
 from octo_arm_model.viewer.options import TITLE
 from octo_arm_model.viewer.scene import Cameras, framing, reachable_points, tangent_of
-from octo_arm_model.viewer.server import RefusalLog
+from octo_arm_model.viewer.server import refusing
 
 _PLOTS = (
     ('torsion τ [1/m]', 'tau', 1.0),
@@ -336,7 +336,7 @@ class Viewer:
         self._config: Config | None = None
         self._due = time.monotonic()
         self.pictures = 0
-        self._refusals = RefusalLog()
+        self._refuse = refusing()
         self._clear()
         server.gui.add_html(numbers.waiting(client.command_topic))
         # A new browser gets a picture at once.
@@ -368,7 +368,7 @@ class Viewer:
         try:
             action()
         except OctoArmError as error:
-            self._refusals.add(str(error))
+            self._refuse(str(error))
             if self._page is not None:
                 self._page.refuse(error)
 

@@ -26,6 +26,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from octo_arm_model.arm.errors import OctoArmError
+from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.viewer.access import Access, Requests
 from octo_arm_model.viewer.options import LOOPBACK, TITLE
 
@@ -61,7 +62,6 @@ MOST_PAGES = 32
 _MOST_CONNECTIONS = 128  # including those without a request yet
 _MOST_BYTES = 1 << 16  # bytes of a message; messages of a page have a few hundred
 _MOST_A_SECOND = 500  # messages read from one page per second; further ones wait
-_PERIOD = 1.0  # [s] between log lines
 _LOG = logging.getLogger('octo_arm_model.viewer')
 # Close codes for faults of the peer: protocol, invalid text, size.
 _FAULTS = (1002, 1007, 1009)
@@ -73,22 +73,9 @@ class GuardError(OctoArmError, RuntimeError):
     """Raised if the checks cannot be added to the installed viser."""
 
 
-class RefusalLog:
-    """Logs refusals, at most one line a second."""
-
-    def __init__(self) -> None:
-        """Create the log; the first refusal is logged at once."""
-        self._logged, self._left_out = -_PERIOD, 0
-
-    def add(self, what: str) -> None:
-        """Log the refusal ``what``, or count it until the next line."""
-        now = time.monotonic()
-        if now - self._logged < _PERIOD:
-            self._left_out += 1
-            return
-        more = f' (and {self._left_out} before that)' if self._left_out else ''
-        self._logged, self._left_out = now, 0
-        _LOG.warning('viewer refused: %s%s', what, more)
+def refusing() -> Callable[[str], None]:
+    """Return a function that logs why something is refused, at most one line a second."""
+    return functools.partial(RefusalLog(_LOG.warning).add, 'viewer refused')
 
 
 class Guard:
@@ -96,14 +83,14 @@ class Guard:
 
     Attributes:
         requests: the checks of messages; its `watch` must be called with the server.
-        refusals: the log of refusals.
+        refuse: logs why something is refused.
         connections: the open connections.
     """
 
     def __init__(self, access: Access, title: str) -> None:
         """Accept hosts and origins that ``access`` allows; ``title`` is that of the page."""
         self._access, self._title = access, title
-        self.requests, self.refusals = Requests(), RefusalLog()
+        self.requests, self.refuse = Requests(), refusing()
         self.connections: set[object] = set()
 
     @contextlib.contextmanager
@@ -143,7 +130,7 @@ class Guard:
         if isinstance(getattr(error, '__cause__', None), EOFError):
             return False
         why = f': {str(error or type(error).__name__)[:80]!r}' if error else ''
-        self.refusals.add(f'{record.getMessage()}{why}')
+        self.refuse(f'{record.getMessage()}{why}')
         return False
 
     def _process(
@@ -163,7 +150,7 @@ class Guard:
                 status = http.HTTPStatus.SERVICE_UNAVAILABLE
                 objection = f'more than {MOST_PAGES} pages'
         if objection:
-            self.refusals.add(objection)
+            self.refuse(objection)
             return connection.respond(status, f'{objection}\n')
         if is_socket:
             return None
@@ -211,7 +198,7 @@ class _Connection(ServerConnection):
         super().connection_made(transport)
         self._guard.connections.add(self)
         if len(self._guard.connections) > _MOST_CONNECTIONS:
-            self._guard.refusals.add(f'more than {_MOST_CONNECTIONS} connections')
+            self._guard.refuse(f'more than {_MOST_CONNECTIONS} connections')
             self.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -224,7 +211,7 @@ class _Connection(ServerConnection):
                 data = await super().recv(decode)
             except ConnectionClosed as closed:
                 if closed.sent is not None and closed.sent.code in _FAULTS:
-                    self._guard.refusals.add(f'a message: {closed.sent.reason}')
+                    self._guard.refuse(f'a message: {closed.sent.reason}')
                 raise
             objection = self._guard.requests.objection(data)
             now = time.monotonic()
@@ -235,7 +222,7 @@ class _Connection(ServerConnection):
                 await asyncio.sleep(self._second + 1.0 - now)
             if not objection:
                 return data
-            self._guard.refusals.add(objection)
+            self._guard.refuse(objection)
 
 
 _MOST_PORTS = 100  # ports tried in order

@@ -168,7 +168,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         step_back = 1e-9 * (self._newest.get(topic, resolved).ns - resolved.ns)
         if step_back > self._arm.settings.window + _BACK:  # as when a bag is played again
             words = f'stamps run back by {step_back:.3g} s; the estimate is reset'
-            self._refusal_log.say(topic, words)
+            self._refusal_log.add(topic, words)
             self._status.ran_back(topic)
             estimator = self._reset_estimate()
         start = time.perf_counter()
@@ -183,7 +183,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
                 'the estimate is reset: sensors have contradicted it for '
                 f'{arm.settings.rules.recover_after:g} s (estimator.recover_after)'
             )
-            self._refusal_log.say(topic, words)
+            self._refusal_log.add(topic, words)
         outbox.describe(arm.models[update.hypothesis].solver, arm.config)
         outbox.publish_estimate(update.estimate, newest)
         self._diagnostics.answered(update.estimate.backbone, duration)
@@ -216,10 +216,8 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
                 square, size = innovation.normalised_square, innovation.value.size
                 is_beyond = square > chi_square_limit(self._arm.settings.rules.gate, size)
                 why = 'contradicts the estimate by' if is_beyond else 'is still doubted, now with'
-                error = MeasurementError(
-                    f'it {why} a normalised square of {square:.3g} in {size} number(s)'
-                )
-                self._refusal_log.warn(innovation.name, error)
+                words = f'it {why} a normalised square of {square:.3g} in {size} number(s)'
+                self._refusal_log.add(f'{innovation.name} refused', words)
 
 
 NAME = 'octo_arm_estimator'

@@ -16,8 +16,8 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment.transform_tree import TransformTree
 from octo_arm_model.ros.node.inputs import LONGEST, NotKnownYet
 from octo_arm_model.ros.node.outputs import TF_QOS, TF_TOPIC
-from octo_arm_model.ros.start import RefusalLog
 from octo_arm_model.ros.topics import create_subscription, is_overridden, message_class
+from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.wire.messages import Stamp
 
 _STATIC_TOPIC = '/tf_static'
@@ -36,7 +36,8 @@ class SensorFrames:
 
     def __init__(self, node: Node, on_change: Callable[[], None]) -> None:
         """Create it without subscriptions; ``on_change`` is called after new transforms."""
-        self._node, self._log, self._on_change = node, RefusalLog(node), on_change
+        self._node, self._on_change = node, on_change
+        self._log = RefusalLog(node.get_logger().warning)
         self._subscriptions: dict[str, Subscription] = {}
         self._tree = TransformTree()
         self._moving = set[str]()  # frames that static transforms do not lead to
@@ -123,14 +124,14 @@ class SensorFrames:
         count = len(message.transforms)
         if count > _LARGEST:
             problem = f'it has {count} transforms, expected at most {_LARGEST}'
-            self._log.warn(topic, MeasurementError(problem))
+            self._log.add(f'{topic} refused', problem)
             return
         for transform in message.transforms:
             try:
                 self._add(transform, topic == _STATIC_TOPIC)
             except OctoArmError as error:
                 frame = transform.child_frame_id[:99]
-                self._log.warn(topic, MeasurementError(f'{frame!r}: {in_short(error)}'))
+                self._log.add(f'{topic} refused', f'{frame!r}: {in_short(error)}')
         self._tree.forget(_HISTORY, _MOST)
         self._on_change()
 

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
 
-from octo_arm_model.arm.errors import ConfigError, OctoArmError
+from octo_arm_model.arm.errors import ConfigError, OctoArmError, in_short
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.arm.loads import ZERO, FollowingWrench
@@ -22,8 +22,8 @@ from octo_arm_model.ros.node.diagnostics import Diagnostics
 from octo_arm_model.ros.node.inputs import Inputs, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
-from octo_arm_model.ros.start import RefusalLog
 from octo_arm_model.ros.topics import check_overrides, message_class
+from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMessage
 
@@ -116,7 +116,7 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._frames = SensorFrames(node, self._inputs.look_again)
         self._diagnostics = Diagnostics(node, self._inputs)
         self._diagnostics.enter('unconfigured')
-        self._refusal_log = RefusalLog(node)
+        self._refusal_log = RefusalLog(node.get_logger().warning)
         # While the server is active: the messages whose types parameters name, by topic.
         self._fields: dict[str, FieldMessage] = {}
 
@@ -243,4 +243,4 @@ class Server(ABC, Generic[ArmT, PublishersT]):
 
     def _refuse(self, topic: str, error: OctoArmError) -> None:
         self._diagnostics.refused(topic, error)
-        self._refusal_log.warn(topic, error)
+        self._refusal_log.add(f'{topic} refused', in_short(error))

@@ -256,7 +256,7 @@ class SimulatorNode(CheckedNode):
             self._set_point = self._drive.set_points(self._command)
         except OctoArmError as error:
             # The winches keep their last set point.
-            self._diagnostics.log.warn(self._lengths.topic, error)
+            self._diagnostics.log.add(f'{self._lengths.topic} refused', in_short(error))
         effective = self._drive.advance(self._set_point, elapsed)
         push_force = self._push.at(1e-9 * self._time_ns)
         *_, before = self._drive.hardware.state  # lengths that winches have reeled in

@@ -26,10 +26,10 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.ros.node import diagnostics
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
-from octo_arm_model.ros.start import RefusalLog
 from octo_arm_model.ros.topics import create_publisher, message_class, pose_message
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.simulator import STATES, SimulatorConfig
+from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, BackboneWriter
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, TIP_POSE
 from octo_arm_model.wire.tensions import DISPLACEMENTS
@@ -208,7 +208,7 @@ class SimulatorDiagnostics:
 
     def __init__(self, node: Node) -> None:
         """Publish and log through ``node``."""
-        self._node, self.log = node, RefusalLog(node)
+        self._node, self.log = node, RefusalLog(node.get_logger().warning)
         self.counts = defaultdict[str, float](float)
         self._reported = {'time': time.monotonic()}
         self._reason = self._failure = ''
@@ -224,13 +224,13 @@ class SimulatorDiagnostics:
         """Count a command on ``topic`` as refused, and log the reason."""
         self.counts['refused'] += 1
         self._reason = f'{topic}: {in_short(error)}'
-        self.log.warn(topic, error)
+        self.log.add(f'{topic} refused', in_short(error))
 
     def fail(self, error: OctoArmError) -> None:
         """Count a step of the arm as failed, and log the reason."""
         self.counts['failed'] += 1
         self._failure = in_short(error)
-        self.log.say('the arm stays as it was', self._failure)
+        self.log.add('the arm stays as it was', self._failure)
 
     def publish(self, source: str, problem: str) -> None:
         """Publish the counts since the last call.
