@@ -276,7 +276,6 @@ class ModelOverlay:
 
 _PULLED = 0.3  # deflection of the tip by a pull that is as far away, over the length of the arm
 _COLOUR = (79, 124, 172)  # colour of the current of the water
-_BARB = np.array([[0.0, 0.0, 0.0], [-0.25, 0.08, 0.0], [-0.25, -0.08, 0.0]])
 
 
 class MotionControls:
@@ -345,12 +344,15 @@ def _show_current(scene: viser.SceneApi, config: Config) -> None:
     """Draw an arrow beside the base along the current of the water."""
     velocity = np.array(config.motion.current)
     speed, length = float(np.linalg.norm(velocity)), 0.3 * config.arm.length
-    axis = velocity / speed
-    normal = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    axes = np.array([axis, normal / np.linalg.norm(normal), np.cross(axis, normal)])
-    start = np.array(config.base.position) + 0.5 * length * axes[1]
-    tip, left, right = start + length * (axis + _BARB @ axes)
-    points = np.array([[start, tip], [tip, left], [tip, right]])
-    colours = np.broadcast_to(_COLOUR, points.shape).astype(np.uint8)
-    scene.add_line_segments('/current', points, colours, thickness=4.0)
+    beside = np.cross(velocity, np.eye(3)[np.argmin(np.abs(velocity))])
+    start = config.base.position + 0.5 * length * beside / np.linalg.norm(beside)
+    points = np.array([[start, start + length * velocity / speed]])
+    scene.add_arrows(
+        '/current',
+        points,
+        _COLOUR,
+        shaft_radius=0.015 * length,
+        head_radius=0.05 * length,
+        head_length=0.2 * length,
+    )
     scene.add_label('/current_name', f'current {speed:.3g} m/s', position=start)

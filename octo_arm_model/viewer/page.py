@@ -310,11 +310,7 @@ _IDLE = 0.2  # [s] between polls of the node while no browser is connected
 
 
 class Viewer:
-    """Shows one arm and commands it, in the thread that calls `step`.
-
-    Attributes:
-        pictures: number of pictures drawn so far.
-    """
+    """Shows one arm and commands it, in the thread that calls `step`."""
 
     def __init__(
         self,
@@ -335,7 +331,6 @@ class Viewer:
         self._page: Page | None = None
         self._config: Config | None = None
         self._due = time.monotonic()
-        self.pictures = 0
         self._refuse = refusing()
         self._clear()
         server.gui.add_html(numbers.waiting(client.command_topic))
@@ -358,7 +353,6 @@ class Viewer:
         page = self._page
         if page is not None and self._is_watched and (has_changed or page.is_stale):
             page.draw()
-            self.pictures += 1
         is_busy = self._is_watched or (page is not None and page.commander.is_moving)
         now = time.monotonic()
         self._due = max(self._due + (FRAME if is_busy else _IDLE), now)

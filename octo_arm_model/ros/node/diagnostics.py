@@ -1,7 +1,8 @@
 """Diagnostics of the node on ``/diagnostics``: one status for solver, input and output each."""
 
 import time
-from collections import Counter
+from abc import ABC, abstractmethod
+from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
@@ -72,8 +73,48 @@ NO_TIME = 'no time: use_sim_time is set, but nothing is heard on /clock'
 _LONGEST = 900  # characters of the reasons of refusals
 
 
-class Diagnostics:
-    """Counts messages received, answered, skipped, refused and failed; reports once a period.
+class Report(ABC):
+    """Counts what happens to a node, and publishes its statuses once a period.
+
+    Attributes:
+        totals: counts by what happened.
+        lately: counts since the last report.
+        period: time between the last two reports [s], since a solve may delay one.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Report on ``node``."""
+        self._node = node
+        self.totals, self.lately = defaultdict[str, float](int), defaultdict[str, float](int)
+        self._reported, self.period = time.monotonic(), PERIOD
+        self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
+        steady_timer(node, PERIOD, self._report)
+
+    def count(self, what: str, number: float = 1) -> None:
+        """Add ``number`` to the counts of ``what``."""
+        self.totals[what] += number
+        self.lately[what] += number
+
+    @abstractmethod
+    def _statuses(self) -> list[DiagnosticStatus]:
+        """Return the statuses of the node since the last report."""
+
+    def _report(self) -> None:
+        previous, self._reported = self._reported, time.monotonic()
+        self.period = self._reported - previous
+        name = self._node.get_fully_qualified_name()
+        message = DiagnosticArray(status=self._statuses())
+        for status in message.status:
+            status.name = f'{name.lstrip("/")}: {status.name}'
+            status.hardware_id = name
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        with until_shutdown(self._node.context):
+            self._publisher.publish(message)
+        self.lately.clear()
+
+
+class Diagnostics(Report):
+    """Counts messages received, answered, skipped, refused and failed.
 
     Attributes:
         is_used: says whether the newest message on a topic, by its whole name, has an effect.
@@ -85,25 +126,20 @@ class Diagnostics:
 
     def __init__(self, node: Node, inputs: Inputs) -> None:
         """Report as part of ``node``, which has these ``inputs``."""
-        self._node, self._inputs = node, inputs
+        super().__init__(node)
+        self._inputs = inputs
         self.describe(None)
         self._idle = ''
         self.is_used: Callable[[str], bool] = lambda topic: True
         self.parts: list[Callable[[str], DiagnosticStatus]] = []
         self.arm: DrivenArm | None = None
-        # Counts of messages by their outcome, in total and since the last report.
-        self._totals, self._lately = Counter[str](), Counter[str]()
         self._topics = set[tuple[str, bool]]()
         self._newest: dict[str, float] = {}
         self._last: float | None = None
         self._reason = self._failure = self._unknown = ''
         self._refusals = Refusals()
         self._backbone: Backbone | None = None
-        self._busy = 0.0
-        self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
         self.clock = SteppedClock(node)
-        self._reported, self._period = time.monotonic(), PERIOD
-        steady_timer(node, PERIOD, self._report)
 
     def describe(
         self, solver: Solver | None, limits: DiagnosticLimits = DiagnosticLimits()
@@ -115,74 +151,63 @@ class Diagnostics:
         """Report on a node that is inactive, in ``state``, from now on; '' for an active one."""
         self._idle, self._newest, self._last = state, {}, None
 
-    def _count(self, outcome: str, number: int = 1) -> None:
-        if number:
-            self._totals[outcome] += number
-            self._lately[outcome] += number
-
     def received(self, topic: str, stamp: Stamp | None, *, is_tensions: bool = False) -> None:
         """Count a message with its ``stamp``, or None.
 
         ``is_tensions`` marks a message with tensions, which should come on one topic only.
         """
-        self._count('received')
+        self.count('received')
         self._topics.add((topic, is_tensions))
         if stamp is None or not any(stamp):
-            self._count('unstamped')
+            self.count('unstamped')
             return
         seconds = 1e-9 * stamp.ns
         # Stamps are compared within a topic, but all topics of tensions count as one.
         source = '' if is_tensions else topic
         if seconds < self._newest.get(source, seconds):
-            self._count('backwards')
+            self.count('backwards')
         self._newest[source] = self._last = seconds
         now = self.clock.now_ns
         if now and 1e-9 * now - seconds > self._limits.age_limit:
-            self._count('old')
+            self.count('old')
         elif self.clock.ahead(stamp, now) > self._limits.ahead_limit:
-            self._count('ahead')
+            self.count('ahead')
 
     def skipped(self, number: int) -> None:
         """Count messages dropped for a newer one."""
-        self._count('skipped', number)
+        self.count('skipped', number)
 
     def answered(self, backbone: Backbone, duration: float) -> None:
         """Count a solved backbone and the ``duration`` of solving [s]."""
-        self._count('answered')
-        self._busy += duration
+        self.count('answered')
+        self.count('busy', duration)
         self._backbone = backbone
 
     def tip_unknown(self, error: OctoArmError) -> None:
         """Count a backbone whose tip has no covariance because of ``error``."""
-        self._count('tip unknown')
+        self.count('tip unknown')
         self._unknown = in_short(error)
 
     def refused(self, topic: str, error: OctoArmError) -> None:
         """Count a message that was not answered because of ``error``."""
         if isinstance(error, SolveError):
-            self._count('failed')
-            self._count('unaffordable', int(isinstance(error, ContinuationError)))
+            self.count('failed')
+            self.count('unaffordable', int(isinstance(error, ContinuationError)))
             self._failure = in_short(error)
         else:
-            self._count('refused')
+            self.count('refused')
             self._reason = f'{topic}: {in_short(error)}'
             self._refusals.count(topic, in_short(error))
 
-    def _report(self) -> None:
-        # The period is measured because a solve may delay the report.
-        previous, self._reported = self._reported, time.monotonic()
-        self._period = self._reported - previous
+    def _statuses(self) -> list[DiagnosticStatus]:
         more = (part(self._idle) for part in self.parts)
-        statuses = self._solver_status(), self._input_status(), self._output_status(), *more
-        with until_shutdown(self._node.context):
-            self._publisher.publish(diagnostics_message(self._node, *statuses))
-        self._lately.clear()
+        statuses = [self._solver_status(), self._input_status(), self._output_status(), *more]
         self._topics.clear()
-        self._busy = 0.0
+        return statuses
 
     def _solver_status(self) -> DiagnosticStatus:
-        failed, answered = self._lately['failed'], self._lately['answered']
-        unknown = self._lately['tip unknown']
+        failed, answered = self.lately['failed'], self.lately['answered']
+        unknown, busy = self.lately['tip unknown'], self.lately['busy']
         problem = self._idle or (f'no answer to {failed}: {self._failure}' if failed else '')
         if unknown and not problem:
             problem = f'no covariance, and so no tip_pose, for {unknown}: {self._unknown}'
@@ -198,18 +223,18 @@ class Diagnostics:
                 'compiled': solver is not None and solver.is_compiled,
                 'residual': f'{float(backbone.residual) if backbone else 0.0:.3e}',
                 'iterations': int(backbone.iterations) if backbone else 0,
-                'time per solve [ms]': f'{1e3 * self._busy / answered:.3f}' if answered else '',
-                'failures': self._totals['failed'],
-                'beyond solve_budget': self._totals['unaffordable'],
+                'time per solve [ms]': f'{1e3 * busy / answered:.3f}' if answered else '',
+                'failures': self.totals['failed'],
+                'beyond solve_budget': self.totals['unaffordable'],
                 'last failure': self._failure,
-                'shapes without tip_pose': self._totals['tip unknown'],
+                'shapes without tip_pose': self.totals['tip unknown'],
                 'friction history kept': self.arm is not None and self.arm.has_history,
                 'friction history forgotten after a gap': self.arm.forgotten if self.arm else 0,
             },
         )
 
     def _input_status(self) -> DiagnosticStatus:
-        lately = self._lately
+        lately = self.lately
         if self._idle:
             problems = [self._idle]
         else:
@@ -243,24 +268,24 @@ class Diagnostics:
             '; '.join(problems),
             'receiving' if lately['received'] else 'waiting',
             {
-                'rate [Hz]': f'{lately["received"] / self._period:.1f}',
+                'rate [Hz]': f'{lately["received"] / self.period:.1f}',
                 'age of the newest stamp [s]': (
                     '' if self._last is None or not now else f'{now - self._last:.3f}'
                 ),
                 'source': ', '.join(topics),
                 'publishers': sum(publishers.values()),
-                'refused': self._totals['refused'],
+                'refused': self.totals['refused'],
                 'last refusal': self._reason,
                 'refused by reason': '; '.join(self._refusals.lines())[:_LONGEST],
-                'stamps running backwards': self._totals['backwards'],
-                'stamps from the future': self._totals['ahead'],
-                'old stamps': self._totals['old'],
-                'without a stamp': self._totals['unstamped'],
+                'stamps running backwards': self.totals['backwards'],
+                'stamps from the future': self.totals['ahead'],
+                'old stamps': self.totals['old'],
+                'without a stamp': self.totals['unstamped'],
             },
         )
 
     def _output_status(self) -> DiagnosticStatus:
-        skipped, answered = self._lately['skipped'], self._lately['answered']
+        skipped, answered = self.lately['skipped'], self.lately['answered']
         problem = self._idle or (f'{skipped} skipped for newer ones' if skipped else '')
         return make_status(
             'output',
@@ -268,22 +293,11 @@ class Diagnostics:
             problem,
             'publishing' if answered else 'waiting',
             {
-                'rate [Hz]': f'{answered / self._period:.1f}',
-                'answered': self._totals['answered'],
-                'skipped': self._totals['skipped'],
+                'rate [Hz]': f'{answered / self.period:.1f}',
+                'answered': self.totals['answered'],
+                'skipped': self.totals['skipped'],
             },
         )
-
-
-def diagnostics_message(node: Node, *statuses: DiagnosticStatus) -> DiagnosticArray:
-    """Return a message with the ``statuses`` of ``node``, whose name is put before theirs."""
-    name = node.get_fully_qualified_name()
-    for status in statuses:
-        status.name = f'{name.lstrip("/")}: {status.name}'
-        status.hardware_id = name
-    message = DiagnosticArray(status=list(statuses))
-    message.header.stamp = node.get_clock().now().to_msg()
-    return message
 
 
 def make_status(

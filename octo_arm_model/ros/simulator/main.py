@@ -27,13 +27,12 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.ros import topics
 from octo_arm_model.ros.live_parameters import LiveParameters
-from octo_arm_model.ros.node import diagnostics
+from octo_arm_model.ros.node.diagnostics import NO_TIME
 from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.simulator import publishers, services
 from octo_arm_model.ros.start import CheckedNode
-from octo_arm_model.ros.work import steady_timer, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm, check_values
 from octo_arm_model.simulation.movements import COMMAND_TOPICS, JOINTS, TOPIC, check_command
 from octo_arm_model.simulation.simulator import PARAMETERS, SimulatorConfig, TendonDrive
@@ -61,7 +60,7 @@ class SimulatorNode(CheckedNode):
             topics.create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
         )
-        self._diagnostics = publishers.SimulatorDiagnostics(self)
+        self._diagnostics = publishers.SimulatorDiagnostics(self, self._following)
         self._outputs = publishers.ArmPublishers(self)
         self._time = services.SimulationClock(self, self._step)
         self._commanders = publishers.Commanders(self)
@@ -69,7 +68,8 @@ class SimulatorNode(CheckedNode):
         self._live = LiveParameters(self, (*ARM_PARAMETERS, *PARAMETERS), self._prepare, self._use)
         self._live.begin()
         services.SimulationServices(self, self._time, self._reset, self._save, self._restore)
-        inputs = Inputs(self, self._diagnostics.refuse, self._diagnostics.count)
+        count = self._diagnostics.count
+        inputs = Inputs(self, self._diagnostics.refuse, lambda older: count('commands', 1 + older))
         for topic, message in COMMAND_TOPICS.items():
             read = self._on_joints if topic == JOINTS else partial(self._on_command, message)
             inputs.subscribe(topics.message_class(message.type_name), topic, read)
@@ -78,7 +78,6 @@ class SimulatorNode(CheckedNode):
         inputs.subscribe(PoseStamped, 'base_pose', self._on_base, is_answered=False)
         inputs.subscribe(Vector3Stamped, 'current', self._on_current, is_answered=False)
         topics.check_overrides(self)
-        steady_timer(self, diagnostics.PERIOD, self._report)
 
     def _prepare(self, values: dict[str, Any]) -> SimulatorConfig:
         """Check the parameters; a change must not give services another folder to write to."""
@@ -246,7 +245,7 @@ class SimulatorNode(CheckedNode):
         if course.dynamics and not course.publish_clock:
             # If a call is late, all that is simulated falls behind a clock that is not its own.
             late_ns, elapsed_ns = elapsed_ns, min(elapsed_ns, round(2e9 / course.rate))
-            self._diagnostics.counts['behind'] += 1e-9 * (late_ns - elapsed_ns)
+            self._diagnostics.count('behind', 1e-9 * (late_ns - elapsed_ns))
         if self._is_playing and config.profile is not None:
             self._command = config.profile.at(1e-9 * self._played_ns, loop=config.playing.loop)
             self._played_ns += config.playing.speed * elapsed_ns
@@ -261,7 +260,7 @@ class SimulatorNode(CheckedNode):
         push_force = self._push.at(1e-9 * self._time_ns)
         *_, before = self._drive.hardware.state  # lengths that winches have reeled in
         has_moved = config.pushed_arm is not None
-        self._diagnostics.counts['simulated'] += elapsed
+        self._diagnostics.count('simulated', elapsed)
         try:
             effective = self._drive.move(effective, push_force, elapsed)
         except OctoArmError as error:
@@ -272,10 +271,10 @@ class SimulatorNode(CheckedNode):
         )
         measured = self._drive.hardware.read()
         if measured is None:
-            self._diagnostics.counts['lost'] += 1
+            self._diagnostics.count('lost')
         else:
             self._measured.publish(self._readings_message(measured, stamp))
-            self._diagnostics.counts['published'] += 1
+            self._diagnostics.count('published')
         if has_moved:
             times_ns = before_ns, self._time_ns
             self._outputs.publish(config, push_force, before, times_ns, stamp)
@@ -296,14 +295,13 @@ class SimulatorNode(CheckedNode):
             message.tension = readings.ravel()[cells].tolist()
         return message
 
-    def _report(self) -> None:
+    def _following(self) -> tuple[str, str]:
+        """Return what the winches follow, and a problem of their commanders or ''."""
         source = publishers.COMMANDS if self._is_commanded else publishers.NO_COMMAND
         source = publishers.PROFILE if self._is_playing else source
         source = publishers.PAUSED if self._time.is_paused else source
         has_time = self._config.course.publish_clock or self.get_clock().now().nanoseconds
-        problem = self._commanders.report() if has_time else diagnostics.NO_TIME
-        with until_shutdown(self.context):
-            self._diagnostics.publish(source, problem)
+        return source, self._commanders.report() if has_time else NO_TIME
 
 
 main = partial(run, 'octo_arm_sim', SimulatorNode)

@@ -1,13 +1,12 @@
 """Outputs of the simulator besides tensions: sensors, true shape and motion, diagnostics."""
 
 import math
-import time
-from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
     Point,
     Pose,
@@ -24,7 +23,7 @@ from std_msgs.msg import Header
 from octo_arm_model.arm.errors import OctoArmError, in_short
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.ros.node import diagnostics
+from octo_arm_model.ros.node.diagnostics import Report, make_status
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.topics import create_publisher, message_class, pose_message
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
@@ -196,54 +195,39 @@ COMMANDS, PROFILE = 'commands', 'profile'
 NO_COMMAND, PAUSED = 'no command yet', 'nothing, as it is paused'
 
 
-class SimulatorDiagnostics:
-    """Counts the commands to a simulator and its readings, and publishes the counts.
+class SimulatorDiagnostics(Report):
+    """The diagnostics of a simulator.
+
+    It counts 'commands', 'refused' ones, readings 'published' and 'lost', 'failed' steps, the time
+    'simulated', and that by which the arm fell 'behind' the clock [s].
 
     Attributes:
-        counts: numbers of 'commands', of 'refused' ones, of readings 'published' and 'lost', of
-            'failed' steps, the 'simulated' time of the arm, and that by which it fell 'behind' the
-            clock [s].
         log: log of refused messages.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Publish and log through ``node``."""
-        self._node, self.log = node, RefusalLog(node.get_logger().warning)
-        self.counts = defaultdict[str, float](float)
-        self._reported = {'time': time.monotonic()}
-        self._reason = self._failure = ''
-        self._publisher = create_publisher(
-            node, DiagnosticArray, diagnostics.TOPIC, diagnostics.QOS
-        )
+    def __init__(self, node: Node, following: Callable[[], tuple[str, str]]) -> None:
+        """Report and log through ``node``.
 
-    def count(self, older: int) -> None:
-        """Count a command, and the number ``older`` of commands that it replaces."""
-        self.counts['commands'] += 1 + older
+        ``following`` returns what the simulator follows, and a problem of it or ''.
+        """
+        super().__init__(node)
+        self._following, self.log = following, RefusalLog(node.get_logger().warning)
+        self._reason = self._failure = ''
 
     def refuse(self, topic: str, error: OctoArmError) -> None:
         """Count a command on ``topic`` as refused, and log the reason."""
-        self.counts['refused'] += 1
+        self.count('refused')
         self._reason = f'{topic}: {in_short(error)}'
         self.log.add(f'{topic} refused', in_short(error))
 
     def fail(self, error: OctoArmError) -> None:
         """Count a step of the arm as failed, and log the reason."""
-        self.counts['failed'] += 1
+        self.count('failed')
         self._failure = in_short(error)
         self.log.add('the arm stays as it was', self._failure)
 
-    def publish(self, source: str, problem: str) -> None:
-        """Publish the counts since the last call.
-
-        ``source`` names what the simulator follows, and ``problem`` is a further problem or ''.
-        """
-        counts, previous = self.counts, self._reported
-        counts['time'] = time.monotonic()
-        recent = defaultdict(
-            float, {name: n - previous.get(name, 0.0) for name, n in counts.items()}
-        )
-        self._reported = dict(counts)
-        period = recent['time']  # measured, because a long step delays the call
+    def _statuses(self) -> list[DiagnosticStatus]:
+        recent, (source, problem) = self.lately, self._following()
         problems = [problem] if problem else []
         if refused := recent['refused']:
             problems.append(f'{refused:.0f} refused: {self._reason}')
@@ -252,21 +236,21 @@ class SimulatorDiagnostics:
         if recent['behind'] > _SLOW * recent['simulated']:
             part = recent['simulated'] / (recent['simulated'] + recent['behind'])
             problems.append(f'the arm moves at {part:.0%} of clock speed')
-        status = diagnostics.make_status(
+        status = make_status(
             'simulator',
             DiagnosticStatus.WARN,
             '; '.join(problems),
             f'following {source}',
             {
                 'source': source,
-                'commands [Hz]': f'{recent["commands"] / period:.1f}',
-                'refused': int(counts['refused']),
+                'commands [Hz]': f'{recent["commands"] / self.period:.1f}',
+                'refused': int(self.totals['refused']),
                 'last refusal': self._reason,
-                'readings [Hz]': f'{recent["published"] / period:.1f}',
-                'readings lost': int(counts['lost']),
-                'real time factor': f'{recent["simulated"] / period:.2f}',
-                'failed steps': int(counts['failed']),
+                'readings [Hz]': f'{recent["published"] / self.period:.1f}',
+                'readings lost': int(self.totals['lost']),
+                'real time factor': f'{recent["simulated"] / self.period:.2f}',
+                'failed steps': int(self.totals['failed']),
                 'last failure': self._failure,
             },
         )
-        self._publisher.publish(diagnostics.diagnostics_message(self._node, status))
+        return [status]
