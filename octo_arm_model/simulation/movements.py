@@ -4,6 +4,7 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +23,7 @@ from octo_arm_model.config.paper_data import (
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.rod.checks import check_highest, check_tensions
 from octo_arm_model.simulation.profiles import CommandProfile, read_profile
-from octo_arm_model.wire.tensions import TENSION_TOPICS
+from octo_arm_model.wire.tensions import TENSION_TOPICS, read_joint_commands
 
 MOVE_TIME = 3.0  # time from one posture to the next [s]
 HOLD_TIME = 1.0  # time in each posture [s]
@@ -265,6 +266,18 @@ COMMAND_TOPICS = {
     topic.replace('tendon_tensions', TOPIC, 1): kind for topic, kind in TENSION_TOPICS.items()
 }
 JOINTS = f'{TOPIC}/joint_state'
+
+
+def read_command(topic: str, message: Any, arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
+    """Return tensions [N] and lengths to reel in [m] by tendon that a ``message`` commands.
+
+    Raises:
+        TensionError: if it is no command of this ``arm`` on the ``topic`` of `COMMAND_TOPICS`.
+    """
+    if topic == JOINTS:
+        return read_joint_commands(message, arm)
+    tensions = COMMAND_TOPICS[topic].read(message, arm).ravel().tolist()
+    return dict(zip(arm.tendon_names, tensions, strict=True)), {}
 
 
 def profile_names(arm: Arm) -> dict[str, str]:

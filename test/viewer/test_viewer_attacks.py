@@ -18,8 +18,7 @@ from viewer_setup import Setup
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from octo_arm_model.ros.client.client import Topic
-from octo_arm_model.ros.topics import decoded
+from octo_arm_model.ros.topics import decoded, take_all
 from octo_arm_model.simulation.movements import tendon_limits
 
 LIMITS = tendon_limits(CONFIG)
@@ -109,7 +108,9 @@ class Attacked(Setup):
         super().__init__()
         self.number = int(self.url.rpartition(':')[2])
         self.commands, self.last, self.tension = [], np.zeros(len(NAMES)), 0.0
-        self._topic = Topic(self.client._node, TendonTensions, 'tendon_commands', 1000)
+        self._topic = self.client._node.create_subscription(
+            TendonTensions, 'tendon_commands', lambda _: None, 1000, raw=True
+        )
         self.wait_for(lambda: self.client.tensions is not None, 'the first tensions')
         end = time.monotonic() + DEADLINE
         while time.monotonic() < end:
@@ -123,7 +124,9 @@ class Attacked(Setup):
         return Page(self.number, **options).read()
 
     def hear(self):
-        messages = [decoded(data, TendonTensions) for data, _ in self._topic.take_raw()]
+        messages = [
+            decoded(data, TendonTensions) for data, _ in take_all(self._topic, TendonTensions)
+        ]
         new = [np.array(message.tension) for message in messages]
         self.commands += new
         self.last = new[-1] if new else self.last

@@ -9,14 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped, WrenchStamped
-from octo_arm_msgs.msg import BackboneCovariance as CovarianceMessage
-from octo_arm_msgs.msg import SectionStrains, TendonTensions
+from octo_arm_msgs.msg import TendonTensions
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.validate_namespace import validate_namespace
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from octo_arm_model.arm.arm import Arm
@@ -32,41 +30,23 @@ from octo_arm_model.ros.simulator.publishers import NO_COMMAND, PAUSED, PROFILE
 from octo_arm_model.ros.topics import decoded, message_class, take_all
 from octo_arm_model.simulation.movements import (
     COMMAND_TOPICS,
-    JOINTS,
     TOPIC,
     check_command,
+    read_command,
     tendon_limits,
 )
 from octo_arm_model.wire import estimate
-from octo_arm_model.wire.backbone import TENDON_LENGTHS, read_poses
-from octo_arm_model.wire.tensions import JOINT_STATE, read_joint_commands
+from octo_arm_model.wire.backbone import TENDON_LENGTHS, TIP_POSE, read_poses
+from octo_arm_model.wire.tensions import JOINT_STATE
 
 # With best effort, a slow reader never blocks the publisher.
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _WINDOW = 2.0  # [s] over which rates are counted
 
 
-class Topic:
-    """A subscription whose newest messages are taken on request instead of by a callback."""
-
-    def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile = NEWEST_QOS) -> None:
-        """Subscribe ``node``, which need not be spun."""
-        self._kind = kind
-        # The callback is never called because `take_raw` takes the messages.
-        self._subscription = node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
-
-    def close(self, node: Node) -> None:
-        """Unsubscribe."""
-        node.destroy_subscription(self._subscription)
-
-    @property
-    def publishers(self) -> int:
-        """Number of publishers of the topic."""
-        return int(self._subscription.get_publisher_count())
-
-    def take_raw(self) -> list[tuple[bytes, dict[str, Any]]]:
-        """Return the serialised messages since the last call, oldest first, as many as queued."""
-        return list(take_all(self._subscription, self._kind))
+def _reader(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Subscription:
+    """Return a subscription whose messages `take_all` takes; ``node`` need not be spun."""
+    return node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
 
 
 class Meter:
@@ -157,14 +137,11 @@ def _variances(name: str, covariance: Any) -> FloatArray:
 # Topics and types of the backbone, and of further quantities at the same stations.
 _SHAPES = 'backbone/poses'
 _DESCRIPTION, _DIAGNOSTICS = 'arm_description', '/diagnostics'
-POSES: dict[str, Any] = {_SHAPES: PoseArray}
+POSES: dict[str, Any] = {_SHAPES: message_class(estimate.ESTIMATES[_SHAPES])}
+_PARTS = 'strains', TIP_POSE, estimate.COVARIANCE, estimate.TIP_WRENCH, estimate.CONTACT
 DETAILS: dict[str, Any] = {
-    'strains': SectionStrains,
-    TENDON_LENGTHS: JointState,
-    'tip_pose': PoseWithCovarianceStamped,
-    estimate.COVARIANCE: CovarianceMessage,
-    estimate.TIP_WRENCH: WrenchStamped,
-    estimate.CONTACT: WrenchStamped,
+    TENDON_LENGTHS: message_class(JOINT_STATE.type_name),
+    **{topic: message_class(estimate.ESTIMATES[topic]) for topic in _PARTS},
 }
 # The commands that any node publishes, this one too.
 COMMANDS: dict[str, Any] = {
@@ -209,10 +186,10 @@ class ArmClient:
         self._namespace = self.command_topic.rpartition('/')[0]
         self._commands = CommandPublisher(node, self._prefix + TOPIC)
         self._always = {
-            _DESCRIPTION: Topic(node, String, self._prefix + _DESCRIPTION, LATCHED_QOS),
-            _DIAGNOSTICS: Topic(node, DiagnosticArray, _DIAGNOSTICS, _DIAGNOSTICS_QOS),
+            _DESCRIPTION: _reader(node, String, self._prefix + _DESCRIPTION, LATCHED_QOS),
+            _DIAGNOSTICS: _reader(node, DiagnosticArray, _DIAGNOSTICS, _DIAGNOSTICS_QOS),
         }
-        self._topics: dict[str, Topic] = {}
+        self._topics: dict[str, Subscription] = {}
         self._problems: dict[str, tuple[float, str]] = {}  # time of the news [s] and words
         # By a clock that does not jump; `received` and stamps are by the clock of the system.
         self._meter, self._counted, self._heard = Meter(), 0, 0.0
@@ -243,10 +220,10 @@ class ArmClient:
         Every subscription costs the node of the arm time for each shape.
         """
         for name in self._topics.keys() - topics.keys():
-            self._topics.pop(name).close(self._node)
+            self._node.destroy_subscription(self._topics.pop(name))
         for name in topics.keys() - self._topics.keys():
             qos = INPUT_QOS if name in COMMANDS else NEWEST_QOS
-            self._topics[name] = Topic(self._node, topics[name], self._prefix + name, qos)
+            self._topics[name] = _reader(self._node, topics[name], self._prefix + name, qos)
         if _SHAPES not in topics:
             self._forget()
 
@@ -259,7 +236,7 @@ class ArmClient:
         before, told, oldest = self.shape, self._problems, time.monotonic() - _STALE
         self._problems = {name: told[name] for name in told if told[name][0] > oldest}
         for name, topic in (*self._always.items(), *self._topics.items()):
-            for data, info in topic.take_raw():
+            for data, info in list(take_all(topic, topic.msg_type)):
                 problem = ''
                 try:
                     self._read(name, data, info)
@@ -348,7 +325,8 @@ class ArmClient:
 
     @property
     def _publisher_count(self) -> int:
-        return self._topics[_SHAPES].publishers if _SHAPES in self._topics else 0
+        topic = self._topics.get(_SHAPES)
+        return 0 if topic is None else int(topic.get_publisher_count())
 
     def rate(self) -> float:
         """Return how many shapes per second the node publishes [Hz], including skipped ones.
@@ -387,16 +365,11 @@ class ArmClient:
     def _read_command(self, name: str, message: Any, config: Config) -> None:
         if message in self._sent:  # rclpy does not tell who has published it
             return
-        arm = config.arm
         with contextlib.suppress(OctoArmError):  # refused by what drives the tendons too
-            if name == JOINTS:
-                named, _ = read_joint_commands(message, arm)
-            else:
-                tensions = COMMAND_TOPICS[name].read(message, arm).ravel().tolist()
-                named = dict(zip(arm.tendon_names, tensions, strict=True))
-            requested = np.array([named.get(tendon, 0.0) for tendon in arm.tendon_names])
-            check_command(arm, requested, tendon_limits(config))
-            self._commanded |= named
+            tensions, _ = read_command(name, message, config.arm)
+            requested = np.array([tensions.get(one, 0.0) for one in config.arm.tendon_names])
+            check_command(config.arm, requested, tendon_limits(config))
+            self._commanded |= tensions
 
     def _read_status(self, message: DiagnosticArray) -> None:
         for status in message.status:

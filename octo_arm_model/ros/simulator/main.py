@@ -34,14 +34,15 @@ from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.simulator import publishers, services
 from octo_arm_model.ros.start import CheckedNode
 from octo_arm_model.simulation.dynamic_arm import DynamicArm, check_values
-from octo_arm_model.simulation.movements import COMMAND_TOPICS, JOINTS, TOPIC, check_command
-from octo_arm_model.simulation.simulator import PARAMETERS, SimulatorConfig, TendonDrive
-from octo_arm_model.wire.tensions import (
-    NONE,
-    TensionMessage,
-    read_displacements,
-    read_joint_commands,
+from octo_arm_model.simulation.movements import (
+    COMMAND_TOPICS,
+    JOINTS,
+    TOPIC,
+    check_command,
+    read_command,
 )
+from octo_arm_model.simulation.simulator import PARAMETERS, SimulatorConfig, TendonDrive
+from octo_arm_model.wire.tensions import NONE, read_displacements
 
 
 class SimulatorNode(CheckedNode):
@@ -71,8 +72,8 @@ class SimulatorNode(CheckedNode):
         count = self._diagnostics.count
         inputs = Inputs(self, self._diagnostics.refuse, lambda older: count('commands', 1 + older))
         for topic, message in COMMAND_TOPICS.items():
-            read = self._on_joints if topic == JOINTS else partial(self._on_command, message)
-            inputs.subscribe(topics.message_class(message.type_name), topic, read)
+            kind = topics.message_class(message.type_name)
+            inputs.subscribe(kind, topic, partial(self._on_command, topic))
         self._lengths = inputs.subscribe(JointState, f'{TOPIC}/displacements', self._on_lengths)
         inputs.subscribe(Vector3Stamped, services.PUSH_TOPIC, self._on_push, is_answered=False)
         inputs.subscribe(PoseStamped, 'base_pose', self._on_base, is_answered=False)
@@ -126,10 +127,18 @@ class SimulatorNode(CheckedNode):
         assert self._configured is not None
         return self._configured
 
-    def _on_command(self, kind: TensionMessage, topic: str, message: Any) -> None:
+    def _on_command(self, name: str, topic: str, message: Any) -> None:
+        """Drive the named tendons; the others keep their command."""
         arm = self._config.model.arm
-        command = check_command(arm, kind.read(message, arm), self._config.limits)
-        self._follow(topic, command, dict(zip(arm.tendon_names, command)), {})
+        tensions, lengths = read_command(name, message, arm)
+        requested = [tensions.get(*item) for item in zip(arm.tendon_names, self._command)]
+        command = check_command(arm, np.array(requested), self._config.limits)
+        if name == JOINTS:  # it takes tendons from their lengths, or gives them others
+            before = self._drive.held
+            held = {tendon: before[tendon] for tendon in before if tendon not in tensions}
+            if lengths or held != before:
+                self._drive.hold(held | lengths, command)
+        self._follow(topic, command, tensions, lengths)
 
     def _follow(
         self,
@@ -144,17 +153,6 @@ class SimulatorNode(CheckedNode):
         pulled = {name: ('N', float(pull)) for name, pull in tensions.items() if name not in held}
         driven = {name: ('m', length) for name, length in lengths.items()}
         self._commanders.note(topic, pulled | driven)
-
-    def _on_joints(self, topic: str, message: JointState) -> None:
-        """Drive the named tendons by tension or by length; the others keep their command."""
-        arm = self._config.model.arm
-        tensions, lengths = read_joint_commands(message, arm)
-        requested = [tensions.get(*item) for item in zip(arm.tendon_names, self._command)]
-        command = check_command(arm, np.array(requested), self._config.limits)
-        held = {name: length for name, length in self._drive.held.items() if name not in tensions}
-        if lengths or held != self._drive.held:
-            self._drive.hold({**held, **lengths}, command)
-        self._follow(topic, command, tensions, lengths)
 
     def _on_lengths(self, topic: str, message: JointState) -> None:
         lengths = read_displacements(message, self._config.model.arm)
