@@ -27,11 +27,11 @@ MOST = {
     'octo_arm_model/experiment': 6_220,
     'octo_arm_model/reproduce': 1_040,
     'octo_arm_model/rod': 11_300,
-    'octo_arm_model/ros': 4_800,
-    'octo_arm_model/simulation': 2_210,
-    'octo_arm_model/viewer': 2_130,
+    'octo_arm_model/ros': 4_780,
+    'octo_arm_model/simulation': 2_230,
+    'octo_arm_model/viewer': 2_110,
     'octo_arm_model/wire': 1_380,
-    'test': 25_250,
+    'test': 25_360,
 }
 
 
