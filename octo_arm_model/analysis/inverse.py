@@ -27,13 +27,10 @@ from octo_arm_model.rod.solver import Solver
 REACHED = 1e-6
 _MET = 1e-10  # error over the length of the arm at which a search ends
 _STARTS = 8
+_NO_GRADIENT = np.finfo(float).eps  # the least that SciPy tells from 0
 _STEPS = 40  # largest number of steps of each method in a local search
 _INDEPENDENT = 1e-6  # singular values below this part of the largest one count as zero
 _STIFFNESS_STEP = 1e-4  # step of a tension over its bound for the derivative of the stiffness
-
-
-class _Met(Exception):
-    """The target is met by the argument, tensions over their bounds, and the search ends."""
 
 
 @dataclass(frozen=True)
@@ -193,27 +190,29 @@ class _Search:
 
         def error(part: FloatArray) -> FloatArray:
             residual = self.error(part)
-            if np.linalg.norm(residual) <= _MET * self._solver.arm.length:
-                raise _Met(np.where(part > 1e-9, part, 0.0))  # the first method stays off bounds
-            return residual
+            # A residual of 0 has no gradient, which ends both methods where the target is met.
+            return residual * (np.linalg.norm(residual) > _MET * self._solver.arm.length)
+
+        def jacobian(part: FloatArray) -> FloatArray:
+            residual = error(part)
+            return self.jacobian(part) if residual.any() else np.outer(residual, part)
 
         minimum = np.clip(part, 0.0, 1.0)
-        try:
-            # The first method is slow near bounds; the second one stays at those it meets early.
-            for method, tolerance in (('trf', 1e-3), ('dogbox', 1e-12)):
-                minimum = least_squares(
-                    error,
-                    minimum,
-                    self.jacobian,
-                    (0.0, 1.0),
-                    method,
-                    xtol=tolerance,
-                    ftol=tolerance,
-                    gtol=None,
-                    max_nfev=_STEPS,
-                ).x
-        except _Met as met:
-            minimum = np.asarray(met.args[0])
+        # The first method is slow near bounds; the second one stays at those it meets early.
+        for method, tolerance in (('trf', 1e-3), ('dogbox', 1e-12)):
+            minimum = least_squares(
+                error,
+                minimum,
+                jacobian,
+                (0.0, 1.0),
+                method,
+                xtol=tolerance,
+                ftol=tolerance,
+                gtol=_NO_GRADIENT,
+                max_nfev=_STEPS,
+            ).x
+        if not error(minimum).any():
+            minimum = np.where(minimum > 1e-9, minimum, 0.0)  # the first method stays off bounds
         self._cache[minimum.tobytes()] = self._evaluate(minimum)
         return minimum
 
