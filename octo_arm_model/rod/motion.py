@@ -187,7 +187,8 @@ class Dynamics:
                     guess = result.state.z
                 if result.state.residual <= TOLERANCE:
                     break
-            self._require(result.state)
+            beginning = 'the equilibrium in which the motion begins'
+            self._require(beginning, result.state, TOLERANCE, result.iterations)
         return result.state
 
     def checked(self, inputs: Inputs) -> CheckedInputs:
@@ -359,7 +360,7 @@ class Dynamics:
         tolerance = max(TOLERANCE, problem.rounding / dt**2)
         target = inputs.condition._replace(before=state.history)
         balance, next_factors, iterations = self._balance(state, target, guess, factors, tolerance)
-        self._require(balance, tolerance, iterations)
+        self._require('the balance of a time step', balance, tolerance, iterations)
         self._check_contact(state)
         rule, (place, velocity, acceleration, _) = problem.rule, problem.motion
         rate = rule.by_velocity * balance.z - rule.twist_rate
@@ -391,9 +392,9 @@ class Dynamics:
         result = newton(problem, guess_state, tolerance, factors, rule=_RULE)
         return result.state, result.factors, result.iterations
 
-    def _require(self, state: State, tolerance: float = TOLERANCE, iterations: int = 0) -> None:
+    def _require(self, what: str, state: State, tolerance: float, iterations: int) -> None:
         if not state.residual <= tolerance:
-            raise ConvergenceError('the balance of a time step', state.residual, iterations)
+            raise ConvergenceError(what, state.residual, iterations)
         check_stretches(self.problem, state.z)
         self.problem.load_work(state)
 

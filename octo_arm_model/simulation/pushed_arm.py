@@ -270,6 +270,7 @@ class PushedArm(SimulatedArm):
 
 PERIOD = 6.0  # period of the push, which acts for half of it [s]
 _PUSHED = 0.3  # displacement of the tip by the push, relative to the length
+_SWUNG = 0.09  # the same by each of the forces that stand for inertia and drag
 _TOUCHED_RATE = 25.0  # rate of the sensors [Hz]
 # Noise of positions over the length, of rotations [rad], of tensions over the highest tension.
 _POSITION, _ROTATION, _TENSION = 2e-3, 0.03, 1e-3
@@ -289,8 +290,8 @@ def touched(
     the reading of a faulty load cell.
 
     The estimator takes the arm to be in balance, so that inertia and drag of an arm that moves are
-    unknown forces at the tip and the markers, which change faster than a push. They do not explain
-    the rotation of the tip, which is therefore not measured.
+    unknown forces at the tip and the markers. They do not explain the rotation of the tip, so that
+    it is not measured.
     """
     length = config.arm.length
     axes = axes_of(np.array(config.base.quaternion))
@@ -327,6 +328,6 @@ def touched(
         estimator |= {
             'estimator.contact': 'at',
             'estimator.contact_s': [length, *markers],
-            'estimator.force_time': 0.2,
+            'estimator.force_stddev': bending_force(config.arm, _SWUNG),
         }
     return simulator, estimator

@@ -298,7 +298,7 @@ def test_a_profile_changes_tensions_as_slowly_as_the_estimator_expects(name):
 @pytest.mark.parametrize('name', ['renda2012_prototype', 'renda2012_table4'])
 def test_the_estimate_of_an_arm_that_swings_is_as_exact_as_it_says(name):
     tracked = Tracked(name, is_moving=True)
-    squares, refused, tips = [], 0, []
+    squares, refused, tips, between = [], 0, [], []
     for step in range(50):
         # From shortly before the push begins.
         force = tracked.push.at(0.5 * PERIOD - 0.2 + 0.04 * step)
@@ -311,6 +311,11 @@ def test_the_estimate_of_an_arm_that_swings_is_as_exact_as_it_says(name):
         for station in (15, 30):
             known = estimate.pose_covariance[station, :3, :3]
             squares.append(away[station] @ np.linalg.solve(known, away[station]))
+        # By tensions alone, before the next measured tip.
+        cells = Tensions(np.full(tracked.tendons, 0.02), tracked.noise)
+        later = tracked.estimator.add(40_000_000 * step + 20_000_000, [cells]).estimate
+        between.append(np.sqrt(np.trace(later.pose_covariance[-1, :3, :3])))
+    assert np.median(between) < 0.048 * tracked.config.arm.length
     assert np.ptp(tips, axis=0).max() > 0.05 * tracked.config.arm.length
     assert refused <= 2  # of 150
     assert np.mean(squares) < 1.5 * 3  # chi-square of 3
