@@ -151,11 +151,10 @@ def _with_fit(
     x, length, away = fit.x, problem.length, fit.left_out
     floor = tip_stddev = None
     if folds:
-        floor = uncertainty.model_error(problem, x, away)
+        floor = uncertainty.model_error(problem, x, fit.without, away)
         square = np.mean([part[-1] @ part[-1] for part in away]) - noise_of(problem.shapes) ** 2
         tip_stddev = float(np.sqrt(max(square, 0.0) / 3.0)) / length
-    shift = uncertainty.floor_of(problem, x, floor or 0.0)
-    estimates = uncertainty.estimates_of(problem, x, fit.without, folds, shift)
+    estimates = uncertainty.estimates_of(problem, x, fit.without, folds, floor or 0.0)
     tensions = [backbone.tensions.ravel() for backbone in problem.backbones(x)]
     return dataclasses.replace(
         result,

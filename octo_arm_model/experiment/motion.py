@@ -153,8 +153,7 @@ def identify_motion(
     if found is not None:
         fitted, (x, held_back) = found
         away = fitted.residuals(x)
-        shift = np.zeros(x.size)
-        estimates = uncertainty.estimates_of(fitted, x, held_back, folds, shift)
+        estimates = uncertainty.estimates_of(fitted, x, held_back, folds)
         correlations = uncertainty.correlations_of(fitted, x)
         notes = [*at_ends(fitted.unknowns, x), *strong_pairs(correlations, fitted.unknowns)]
         notes.append(f'intervals come from leaving out one of {len(folds)} stretches of time')

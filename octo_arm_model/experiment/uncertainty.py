@@ -13,7 +13,7 @@ intervals. Loads are assumed to be independent.
 left out, a change of material or tensions at this load alone explains a part of the residuals. The
 rest, without the noise of the camera, is an error of the model. An error of the same size may also
 lie in the directions of the parameters, the same at all loads: it shifts the estimates, and no
-measurement at these loads shows it. `floor_of` bounds this shift, which is added in quadrature.
+measurement at these loads shows it. `_floor_of` bounds this shift, which is added in quadrature.
 
 **Correlations** are those of the parameters in the sum of squares itself; repeating the experiment
 does not lower them.
@@ -111,11 +111,15 @@ def folds_of(loads: list[list[int]]) -> list[list[int]]:
     return [sorted(itertools.chain.from_iterable(loads[first::number])) for first in range(number)]
 
 
-def model_error(problem: Problem, x: FloatArray, away: Sequence[FloatArray]) -> float:
+def model_error(
+    problem: Problem, x: FloatArray, found: FloatArray, away: Sequence[FloatArray]
+) -> float:
     """Return the distance at left-out loads that noise and changes at single steps leave [m].
 
     ``away`` has the residuals of each step (m, 3) [m]; changes at a single step are of those
     components of ``x`` that belong to the arm, and, unless they explain anything, of all pulls.
+    The others, such as the pose of the camera, are not exact in a fit without a load: what the
+    scatter of the fits ``found`` (folds, n) makes of this is no error of the model.
     """
     columns = [n for n, name in enumerate(problem.unknowns.names) if is_of_arm(name)]
     squares = []
@@ -124,12 +128,14 @@ def model_error(problem: Problem, x: FloatArray, away: Sequence[FloatArray]) -> 
         by, _ = _normalised(np.concatenate([by_pull, by_x[..., columns]], axis=-1))
         if np.linalg.matrix_rank(by, _SINGULAR) == residuals.size:
             by = by[:, by_pull.shape[-1] :]
-        rest = residuals.ravel() - by @ np.linalg.lstsq(by, residuals.ravel(), rcond=_SINGULAR)[0]
-        squares.append(rest @ rest / len(residuals))
+        scatter = by_x.reshape(residuals.size, -1) @ (found - x).T
+        both = np.column_stack([residuals.ravel(), scatter])
+        square, *others = ((both - by @ np.linalg.lstsq(by, both, rcond=_SINGULAR)[0]) ** 2).sum(0)
+        squares.append((square - np.sum(others)) / len(residuals))
     return float(np.sqrt(max(float(np.mean(squares)) - noise_of(problem.shapes) ** 2, 0.0)))
 
 
-def floor_of(problem: Problem, x: FloatArray, size: float) -> FloatArray:
+def _floor_of(problem: Problem, x: FloatArray, size: float) -> FloatArray:
     """Return the shift of each of ``x``, (n,), by a model error of root mean square ``size`` [m].
 
     The error is in the residuals of the camera, the last ones of each step.
@@ -148,13 +154,13 @@ def estimates_of(
     x: FloatArray,
     found: FloatArray,
     folds: Sequence[Sequence[int]],
-    floor: FloatArray,
+    size: float = 0.0,
 ) -> dict[str, Estimate]:
     """Return the estimates ``x`` with their intervals.
 
     The intervals come from the fits ``found`` (folds, n) without the steps of each of ``folds``,
-    and the standard deviation ``floor`` (n,) due to the error of the model. With fewer than two
-    folds there are no intervals.
+    and from an error of the model of root mean square ``size`` [m]. With fewer than two folds
+    there are no intervals.
     """
     unknowns, count = problem.unknowns.unknowns, len(found)
     if count < 2:
@@ -162,7 +168,7 @@ def estimates_of(
         return {one.name: Estimate(one.value(at), None, None, one.unit) for one, at in pairs}
     jackknife = np.sqrt((count - 1) / count * ((found - x) ** 2).sum(axis=0))
     freedom = _freedom(problem.jacobian(x), folds)
-    at = 0.5 + 0.5 * _CONFIDENCE
+    at, floor = 0.5 + 0.5 * _CONFIDENCE, _floor_of(problem, x, size)
     reach = np.hypot(stdtrit(freedom, at) * jackknife, ndtri(at) * floor)
     columns = np.array([x, np.hypot(jackknife, floor), x - reach, x + reach, floor])
     estimates = {}
