@@ -172,6 +172,12 @@ def csv_frames(
         order = np.argsort(stamps, kind='stable')
         parts = np.split(order, np.flatnonzero(np.diff(np.take(stamps, order))) + 1)
         grouped = [(stamps[part[0]], places[part, 0]) for part in parts]
+        alone = sum(len(part) == 1 for part in parts)
+        if not measured.marker_s and len(parts) > 2 * (len(parts) - alone) > 0:
+            raise MeasurementError(
+                f'{table.path}: {len(parts) - alone} of {len(parts)} times have several rows, '
+                'expected one row for each tip, at a time of its own, or all points of a midline'
+            )
     is_midline = max(len(frame) for _, frame in grouped) > 1
     frames = StampedRows(str(table.path), [], [])
     for stamp, place in grouped:

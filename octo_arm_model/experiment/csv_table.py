@@ -284,7 +284,7 @@ def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> Csv
     columns, first = _headers(rows) if rows else ((), 0)
     rows, lines = rows[first:], lines[first:]
     if not rows:
-        raise MeasurementError(f'{path}: no rows, expected a header and rows below it')
+        raise MeasurementError(f'{path}: no row of numbers, expected some below a header')
     if len(rows) > MAX_CSV_ROWS:
         raise MeasurementError(f'{path}, line {lines[-1]}: more than {MAX_CSV_ROWS} rows')
     for cells, line in zip(rows, lines, strict=True):
