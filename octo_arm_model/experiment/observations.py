@@ -76,67 +76,48 @@ class MeasuredShape:
         return float(self.window.tensions.sum())
 
 
-def mean_shape(window: Window, lines: Sequence[FloatArray]) -> MeasuredShape:
-    """Return the mean of ``lines`` (n, 3), from base to tip; lines of one point are tips."""
-    is_tip = len(lines[0]) == 1
-    fraction = np.linspace(0.0, 1.0, POINTS)
-    stack = np.array([line if is_tip else resample(line, fraction) for line in lines])
-    median = np.median(stack, axis=0)
-    away = _frame_distances(stack, median)
-    kept = np.ones(len(stack), dtype=bool)
-    middle = median
-    if len(stack) >= FEW:
-        kept = away <= OUTLYING * np.median(away) + FLOOR
-        middle = stack[kept].mean(axis=0)
-    if not is_tip:
-        # Points are spaced again: noise lengthens frames where points are dense, not the mean.
-        fine = resample(middle, np.linspace(0.0, 1.0, _FINE))
-        middle = resample(fine, fraction)
-    noise = float(np.sqrt((_frame_distances(stack[kept], middle) ** 2).mean()))
-    left_out = int((~kept).sum())
-    return MeasuredShape(window, middle, len(stack) - left_out, left_out, noise, tuple(lines))
-
-
-def _frame_distances(stack: FloatArray, middle: FloatArray) -> FloatArray:
-    """Return the root mean square distance of each midline (frames, n, 3) from ``middle``."""
-    return np.sqrt(((stack - middle) ** 2).sum(axis=-1).mean(axis=-1))
-
-
-def _mean_markers(
-    window: Window, frames: Sequence[FloatArray], s: FloatArray
+def mean_shape(
+    window: Window, frames: Sequence[FloatArray], s: FloatArray | None = None
 ) -> MeasuredShape | None:
-    """Return the mean of ``frames`` (markers, 3) of markers at ``s``; None if none is visible.
+    """Return the mean of ``frames`` (m, 3), or None if no point is visible in any.
 
-    A marker is an outlier in a frame, and left out there, if its distance from its median position
-    is over three times its own median distance and that of all markers.
+    Frames are midlines from base to tip, tips of one point, or markers at ``s``. A frame is an
+    outlier if its distance from the median of all is over three times that of the median frame;
+    of markers each may be one by itself, unless that is its usual distance or that of all.
     """
-    stack = np.array(frames)
+    fraction = np.linspace(0.0, 1.0, POINTS)
+    is_line = s is None and len(frames[0]) > 1
+    stack = np.array([resample(line, fraction) for line in frames] if is_line else frames)
+    # Parts of a frame, (frames, parts, points, 3): each marker, or all points together.
+    parts = stack[:, np.newaxis] if s is None else stack[:, :, np.newaxis]
     with warnings.catch_warnings():
         # The mean of a marker that no frame shows is NaN.
         warnings.simplefilter('ignore', RuntimeWarning)
-        median = np.nanmedian(stack, axis=0)
-        away = np.linalg.norm(stack - median, axis=-1)
+        median = np.nanmedian(parts, axis=0)
+        away = np.sqrt(((parts - median) ** 2).sum(axis=-1).mean(axis=-1))
         seen = np.isfinite(away)
         if not seen.any():
             return None
         # The tip moves more than the base; the distances of a base at rest are only rounding.
         usual = np.maximum(np.nanmedian(away, axis=0), np.median(away[seen]))
-        outlying = seen & (away > OUTLYING * usual + FLOOR)
         enough = seen.sum(axis=0) >= FEW
-        outlying &= enough
-        middle = median.copy()
-        kept = np.where((seen & ~outlying)[..., np.newaxis], stack, np.nan)
-        middle[enough] = np.nanmean(kept[:, enough], axis=0)
-        noise = float(np.sqrt(np.nanmean(((kept - middle) ** 2).sum(axis=-1))))
+        kept = seen & ~(enough & (away > OUTLYING * usual + FLOOR))
+        known = np.where(kept[..., np.newaxis, np.newaxis], parts, np.nan)
+        middle = np.where(enough[:, np.newaxis, np.newaxis], np.nanmean(known, axis=0), median)
+        if is_line:
+            # Points are spaced again: noise lengthens frames where points are dense, not the mean.
+            fine = resample(middle[0], np.linspace(0.0, 1.0, _FINE))
+            middle = resample(fine, fraction)[np.newaxis]
+        noise = float(np.sqrt(np.nanmean(((known - middle) ** 2).sum(axis=-1).mean(axis=-1))))
     shown = seen.any(axis=0)
     return MeasuredShape(
         window,
-        middle[shown],
-        int(seen.any(axis=1).sum()),
-        int(outlying.any(axis=1).sum()),
+        middle[shown].reshape(-1, 3),
+        int(kept.any(axis=1).sum()),
+        int((seen & ~kept).any(axis=1).sum()),
         noise,
         tuple(frame[np.isfinite(frame).all(axis=1)] for frame in frames),
-        s[shown],
+        None if s is None else s[shown],
     )
 
 
@@ -281,12 +262,7 @@ def _shapes(
     """Return the mean shape of each window with visible points, and the number of used frames."""
     shapes, used = [], 0
     for window, shown in paired:
-        shape = (
-            mean_shape(window, shown)
-            if marker_s is None
-            else _mean_markers(window, shown, marker_s)
-        )
-        if shape is not None:
+        if (shape := mean_shape(window, shown, marker_s)) is not None:
             shapes.append(shape)
             used += len(shown)
     return shapes, used

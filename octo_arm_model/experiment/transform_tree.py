@@ -8,7 +8,7 @@ hold at all times.
 import math
 from array import array
 from bisect import bisect_left
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -149,16 +149,8 @@ class TransformTree:
                 'measurement'
             )
         stamps, _ = self._links[moving[0]].table()
-        points = np.zeros((len(stamps), 3))
         known = np.ones(len(stamps), dtype=bool)
-        for child, is_up in path:
-            # The origin of the frame itself does not depend on its rotation.
-            shift, turn = self._at(child, stamps, known, skip, needs_turn=child != frame)
-            if is_up:
-                points = (points if turn is None else turn.apply(points)) + shift
-            else:
-                assert turn is not None
-                points = turn.apply(points - shift, inverse=True)
+        points, _ = self._poses(path, stamps, known, skip, needs_turn=False)
         return stamps[known], points[known]
 
     def pose(self, frame: str, target: str, stamp_ns: int) -> Pose:
@@ -173,20 +165,36 @@ class TransformTree:
             raise MeasurementError(reason)
 
         stamps, known = np.array([stamp_ns]), np.ones(1, dtype=bool)
-        turned, place = Rotation.identity(), np.zeros(3)
-        for child, is_up in self._path(frame, target):
-            shifts, turns = self._at(child, stamps, known, refuse, needs_turn=True)
-            assert turns is not None
-            shift, turn = shifts[0], turns[0]
-            if is_up:
-                turned, place = turn * turned, turn.apply(place) + shift
-            else:
-                turned, place = turn.inv() * turned, turn.apply(place - shift, inverse=True)
-        x, y, z = place.tolist()
-        qx, qy, qz, qw = turned.as_quat().tolist()
+        path = self._path(frame, target)
+        places, turns = self._poses(path, stamps, known, refuse, needs_turn=True)
+        (x, y, z), (qx, qy, qz, qw) = places[0].tolist(), turns[0].as_quat().tolist()
         of = f'of {frame[:MAX_NAME]!r}'
         names = f'the position {of}', f'the rotation {of}'
         return Pose((x, y, z), (qx, qy, qz, qw), names)
+
+    def _poses(
+        self,
+        path: Sequence[tuple[str, bool]],
+        stamps: IntArray,
+        known: np.ndarray,
+        skip: Callable[[str], None],
+        needs_turn: bool,
+    ) -> tuple[FloatArray, Rotation]:
+        """Return positions and rotations at the end of a ``path`` at ``stamps``.
+
+        ``known`` is updated. Unless ``needs_turn``, the rotation of the frame itself, on which its
+        origin does not depend, is not looked at, and rotations are not those of the frame.
+        """
+        places, turns = np.zeros((len(stamps), 3)), Rotation.identity(len(stamps))
+        for number, (child, is_up) in enumerate(path):
+            shift, turn = self._at(
+                child, stamps, known, skip, needs_turn or not is_up or number > 0
+            )
+            if is_up:
+                places, turns = turn.apply(places) + shift, turn * turns
+            else:
+                places, turns = turn.apply(places - shift, inverse=True), turn.inv() * turns
+        return places, turns
 
     def known_until(self, frame: str, target: str) -> float:
         """Return the last stamp [ns] with a known pose of ``frame`` in ``target``; inf if static.
@@ -231,8 +239,11 @@ class TransformTree:
         known: np.ndarray,
         skip: Callable[[str], None],
         needs_turn: bool,
-    ) -> tuple[FloatArray, Rotation | None]:
-        """Return translation and rotation of a transform at ``stamps``, and update ``known``."""
+    ) -> tuple[FloatArray, Rotation]:
+        """Return translation and rotation of a transform at ``stamps``, and update ``known``.
+
+        Unless ``needs_turn`` the rotation is none.
+        """
         link = self._links[child]
         times, numbers = link.table()
         name = f'the transform from {child!r} to {link.parent!r}'
@@ -245,13 +256,11 @@ class TransformTree:
                     f'{name} is {numbers[place].tolist()}, expected finite numbers and a '
                     'quaternion of norm 1'
                 )
+        if not needs_turn:
+            numbers[:, 3:] = 0.0, 0.0, 0.0, 1.0
         if link.is_static:
-            shift, turn = (
-                np.broadcast_to(part, (len(stamps), part.size))
-                for part in np.split(numbers[0], [3])
-            )
-            return shift, Rotation.from_quat(turn) if needs_turn else None
-        outside = known & ((stamps < times[0]) | (stamps > times[-1]))
+            times, numbers = stamps[:1], numbers[:1]
+        outside = known & ((stamps < times[0]) | (stamps > times[-1])) & (not link.is_static)
         known &= ~outside
         for stamp in stamps[outside].tolist():
             skip(f'{name} is not known at {1e-9 * stamp:.3f} s')
@@ -263,9 +272,7 @@ class TransformTree:
         # Differences are exact as integers, and small enough as seconds.
         seconds, wanted = 1e-9 * (times - times[0]), 1e-9 * (at - times[0])
         shift = interpolated(wanted, seconds, numbers[:, :3])
-        if not needs_turn:
-            return shift, None
-        turns = Rotation.from_quat(numbers[:, 3:])
         if len(times) == 1:
             return shift, Rotation.from_quat(np.broadcast_to(numbers[0, 3:], (len(at), 4)))
-        return shift, Slerp(seconds, turns)(np.clip(wanted, 0.0, seconds[-1]))
+        turns = Slerp(seconds, Rotation.from_quat(numbers[:, 3:]))
+        return shift, turns(np.clip(wanted, 0.0, seconds[-1]))
