@@ -1,11 +1,10 @@
 """The reader of bags: rosbag2 folders of any version, and single files of their storages."""
 
 import contextlib
-import copy
 import functools
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple, TypeVar
 
@@ -146,37 +145,40 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
     """A bag open for reading only.
 
     Attributes:
-        path: path of the bag.
+        path: path of the bag, or of what it was made from.
         topics: type of the messages of each topic, or all types if there are several.
-        offered: those topics that a default may be chosen from.
         metadata: custom data of the recording.
         start_ns: time at which the first message was received [ns].
         duration: time from the first message to the last [s].
         notes: remarks on the state of the bag.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(
+        self, path: str | Path, origin: Path | None = None, notes: Iterable[str] = ()
+    ) -> None:
         """Open the bag at ``path``: a folder, an .mcap or a .db3 file.
 
-        A folder without metadata.yaml is read if it has files of bags.
+        A folder without metadata.yaml is read if it has files of bags. Errors name the ``origin``
+        of a bag that was made from another file, with ``notes`` on how.
 
         Raises:
             BagError: if there is no bag, or it is damaged.
         """
-        self.path = Path(path)
-        if not self.path.exists():
+        place = Path(path)
+        self.path = origin or place
+        if not place.exists():
             raise BagError(f'{self.path}: no such bag')
         self.metadata: dict[str, str] = {}
-        self.notes: list[str] = []
+        self.notes = [*notes]
         self._stores: dict[str, Typestore] = {}
         self._is_each_compressed = False
         with contextlib.ExitStack() as resources, self._damage_errors():
             counts = None
-            paths = [self.path]
-            if self.path.is_dir() and (self.path / METADATA).exists():
-                paths, counts, self._is_each_compressed, self.metadata = read_metadata(self.path)
-            elif self.path.is_dir():
-                paths = self._files_without_metadata()
+            paths = [place]
+            if place.is_dir() and (place / METADATA).exists():
+                paths, counts, self._is_each_compressed, self.metadata = read_metadata(place)
+            elif place.is_dir():
+                paths = self._files_without_metadata(place)
             folder = Path(resources.enter_context(tempfile.TemporaryDirectory()))
             self._files: list[storages.File] = []
             for part in paths:
@@ -185,10 +187,10 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
             self._scan(counts)
             self._resources = resources.pop_all()
 
-    def _files_without_metadata(self) -> list[Path]:
-        """Return the files of a folder without metadata, as left by an aborted recording."""
+    def _files_without_metadata(self, folder: Path) -> list[Path]:
+        """Return the files of a ``folder`` without metadata, as left by an aborted recording."""
         names = '*.mcap', '*.db3', '*.mcap.zstd', '*.db3.zstd'
-        paths = sorted(file for name in names for file in self.path.glob(name))
+        paths = sorted(file for name in names for file in folder.glob(name))
         if not paths:
             raise BagError(
                 f'{self.path}: not a bag: neither {METADATA} nor .mcap or .db3 files in it'
@@ -222,7 +224,6 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
             topic: ' or '.join(sorted(kind for name, kind in unique if name == topic))
             for topic in sorted(topic for topic, _ in unique)
         }
-        self.offered = self.topics
         if expected is not None:
             self._compare(expected)
         filled = [file for file in self._files if any(c.msgcount for c in file.connections)]
@@ -241,10 +242,6 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
                 self.notes.append(f'{topic}: {count} messages, more than the {stated} it says')
 
     def __exit__(self, *_: object) -> None:
-        """Close the bag."""
-        self.close()
-
-    def close(self) -> None:
         """Close the files of the bag."""
         self._resources.close()
 
@@ -260,12 +257,6 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
                 raise
             problem = ' '.join(str(error)[:_LONGEST].split()) or type(error).__name__
             raise BagError(f'{self.path}: not a bag, cut short or damaged: {problem}') from error
-
-    def offering(self, topics: dict[str, str]) -> 'BagReader':
-        """Return this open bag with its defaults chosen from ``topics``, some of its `topics`."""
-        view = copy.copy(self)
-        view.offered = topics
-        return view
 
     def connections(self, topics: Sequence[str] | None = None) -> list[Connection]:
         """Return the connections of ``topics``, or of all if None, with definitions and QoS.

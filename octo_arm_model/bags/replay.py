@@ -45,7 +45,7 @@ class TopicReport:
         failed: number of messages for which the model had no trustworthy answer.
         unsorted: number of messages with a stamp before that of the last one.
         skips: stamps [ns] of the first messages that were refused or failed, and the reasons.
-        reasons: number of missing answers, or poses of the tip, by example of the reason.
+        refusals: counts of missing answers, or poses of the tip, by the reason.
     """
 
     model: str
@@ -54,8 +54,12 @@ class TopicReport:
     failed: int = 0
     unsorted: int = 0
     skips: list[tuple[int, str]] = field(default_factory=list)
-    reasons: dict[str, int] = field(default_factory=dict)
     refusals: Refusals = field(default_factory=Refusals)
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """The number of missing answers, or poses of the tip, by example of the reason."""
+        return self.refusals.of('')
 
     def leave_out(self, stamp_ns: int, reason: str, is_failure: bool = False) -> None:
         """Count a message with a stamp [ns] as refused, or as failed, for a ``reason``."""
@@ -185,7 +189,6 @@ def replay(  # noqa: PLR0913 - options by keyword
         writer.write(messages)
         progress(done, total)
     for summary in report.topics.values():
-        summary.reasons = summary.refusals.of('')
         report.notes += [hint for hint in summary.refusals.hints if hint not in report.notes]
     _check_answered(reader.path, report)
     report.notes += [note for output in outputs for note in output.notes()]
@@ -233,7 +236,7 @@ class _Answers:
     def answer(self, record: Record, report: Report, table: CsvAnswers | None) -> list[Message]:
         """Return the messages that answer a ``record`` of this arm; none without a shape."""
         topic, reading = record.topic, self._inputs[record.topic](record)
-        stamp, counts = reading.stamp_ns, report.topics[topic]
+        stamp, counts = reading.stamp.ns, report.topics[topic]
         counts.unsorted += stamp < self._newest.get(topic, stamp)
         self._newest[topic] = stamp
         if reading.is_refused:
@@ -259,7 +262,7 @@ class _Answers:
         `TENSION_ESTIMATES` is the last, only if tendons are driven by length. The pose of the tip
         is None where its covariance is not known.
         """
-        arguments = reading.stamp_ns, reading.tensions, reading.displacements
+        arguments = reading.stamp.ns, reading.tensions, reading.displacements
         has_lengths, motion = TENDON_LENGTHS in self._answers, self._motion
         lengths: FloatArray | None = None
         if motion is None:

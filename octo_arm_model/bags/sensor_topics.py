@@ -97,7 +97,7 @@ def find_sensors(
         BagError: if a topic is missing, ambiguous or of another type, or nothing is measured.
     """
     named = (topic for topic in (tensions, *(others or {}).values()) if topic not in (None, NONE))
-    reader = topics.of_one_arm(reader, next(named, None))
+    prefix = topics.arm_of(reader, next(named, None))
     by_name: dict[str, str] = {}
     options: dict[str, dict[str, Any]] = {}
     for name, row in MEASUREMENT_TOPICS.items():
@@ -106,13 +106,14 @@ def find_sensors(
             continue
         option: dict[str, Any] = {'names': marker_names} if name == MARKERS else {}
         if name == DISPLACEMENTS:
-            source = pick_displacements(reader, given) or Source('')
+            source = pick_displacements(reader, given, prefix) or Source('')
             topic, option['field'] = source.topic, source.field
         elif name == MARKERS and ':' in (given or ''):
             topic, _, option['field'] = str(given).partition(':')
             topic = topics.pick_topic(reader, topic, None, name)
         else:
-            topic = topics.pick_usual(reader, given, name, (row.type_name,), name) or ''
+            types = (row.type_name,)
+            topic = topics.pick_usual(reader, given, name, types, name, prefix) or ''
         if topic:
             by_name[name], options[topic] = topic, option
     source_found: Source | None = None
@@ -120,7 +121,8 @@ def find_sensors(
         source_found = pick_tensions(reader, tensions)
     elif tensions is None:
         empty = [topic for topic in reader.topics if not reader.count([topic])]
-        only = topics.measured_topic(reader, TYPES, 'tensions', {*by_name.values(), *empty})
+        others_read = {*by_name.values(), *empty}
+        only = topics.measured_topic(reader, TYPES, 'tensions', others_read, prefix)
         source_found = None if only is None else Source(only)
     sensors = SensorTopics(source_found, by_name, options)
     if not sensors.all:
@@ -152,7 +154,7 @@ def read_tension_rows(
         if reading.tensions is None:
             refusals.count(record.topic, reading.reason)
         else:
-            times.append((reading.stamp_ns, record.received_ns))
+            times.append((reading.stamp.ns, record.received_ns))
             rows.append(reading.tensions.ravel())
         done(1)
     table = np.array(rows, np.float64).reshape(-1, len(config.arm.tendons))

@@ -51,30 +51,30 @@ def namespace(topic: str, usual: Iterable[str]) -> str:
     return topic[: topic.rfind('/') + 1]
 
 
-def of_one_arm(reader: BagReader, named: str | None) -> BagReader:
-    """Return ``reader`` with the defaults of the arm of the topic ``named``, if that is not None.
-
-    An arm is a namespace with tensions or displacements.
-    """
+def arm_of(reader: BagReader, named: str | None) -> str | None:
+    """Return the namespace of the arm that the topic ``named`` is of; None if that is None."""
     if named is None:
-        return reader
-    topic = reader.full_name(named.partition(':')[0])
-    return in_namespace(reader, namespace(topic, _MEASURED))
+        return None
+    return namespace(reader.full_name(named.partition(':')[0]), _MEASURED)
 
 
-def in_namespace(reader: BagReader, prefix: str) -> BagReader:
-    """Return ``reader`` without defaults of arms in other namespaces than ``prefix``."""
+def offered(reader: BagReader, prefix: str | None) -> dict[str, str]:
+    """Return the topics that defaults are chosen from, with their types.
+
+    They are all topics but those of arms in other namespaces than ``prefix``, if that is the
+    namespace of an arm: one with tensions or displacements.
+    """
     tendons = (*TENSION_TOPICS, DISPLACEMENTS)
     arms = {namespace(name, tendons) for name in reader.topics if names(name, *tendons)}
     if prefix not in arms:
-        return reader.offering(reader.topics)
+        return reader.topics
     selected = {}
     for topic, type_name in reader.topics.items():
         arm = max((name for name in arms if topic.startswith(name)), key=len, default=prefix)
         # A topic of another name without a namespace may be of a camera that sees all arms.
         if arm == prefix or (arm == '/' and not names(topic, *_MEASURED, DESCRIPTION)):
             selected[topic] = type_name
-    return reader.offering(selected)
+    return selected
 
 
 def pick_topic(
@@ -82,14 +82,16 @@ def pick_topic(
     chosen: str | None,
     types: Sequence[str] | None,
     what: str,
-    without: str | None = None,
+    without: Collection[str] = (),
+    prefix: str | None = None,
 ) -> str:
     """Return the topic that ``what`` is read from: ``chosen``, or the only one of ``types``.
 
-    If ``types`` is None, ``chosen`` may be of any type. Topics of the model's answers and of
-    displacements are taken only if ``chosen``, and the topic ``without`` never, because it is
-    read as something else. Among several topics those with messages are preferred, then those of a
-    usual name such as tendon_tensions, in any namespace.
+    That is the only one `offered` for the arm of ``prefix``. If ``types`` is None, ``chosen`` may
+    be of any type. Topics of the model's answers and of displacements are taken only if
+    ``chosen``, and those ``without`` never, because they are read as something else. Among
+    several topics those with messages are preferred, then those of a usual name such as
+    tendon_tensions, in any namespace.
 
     Raises:
         BagError: if there is no such topic, or several; the message lists the existing ones.
@@ -107,9 +109,10 @@ def pick_topic(
         reader.types_of(reader.topics[topic])
         return topic
     types = types or ()
-    only = measured_topic(reader, types, what, () if without is None else (without,))
+    only = measured_topic(reader, types, what, without, prefix)
     if only is None:
-        answers = [one for one, kind in reader.offered.items() if kind in types and one != without]
+        topics = offered(reader, prefix).items()
+        answers = [one for one, kind in topics if kind in types and one not in without]
         hint = f'{answers[0]} is no measurement unless an option names it; ' if answers else ''
         raise BagError(f'{reader.path}: no {what}, expected {expected}; {hint}{reader.listing}')
     reader.types_of(reader.topics[only])
@@ -117,7 +120,11 @@ def pick_topic(
 
 
 def measured_topic(
-    reader: BagReader, types: Sequence[str], what: str, without: Collection[str] = ()
+    reader: BagReader,
+    types: Sequence[str],
+    what: str,
+    without: Collection[str] = (),
+    prefix: str | None = None,
 ) -> str | None:
     """Return the only topic of one of ``types`` that ``what`` was measured on; None if none.
 
@@ -126,7 +133,7 @@ def measured_topic(
     others = (*ANSWERS, *ESTIMATES, DISPLACEMENTS)
     candidates = [
         topic
-        for topic, type_name in reader.offered.items()
+        for topic, type_name in offered(reader, prefix).items()
         if type_name in types and topic not in without and not names(topic, *others)
     ]
     for narrower in (
@@ -139,7 +146,12 @@ def measured_topic(
 
 
 def pick_usual(
-    reader: BagReader, chosen: str | None, usual: str, types: Sequence[str], what: str
+    reader: BagReader,
+    chosen: str | None,
+    usual: str,
+    types: Sequence[str],
+    what: str,
+    prefix: str | None = None,
 ) -> str | None:
     """Return the topic that ``what`` is read from: ``chosen``, or the ``usual`` one; else None.
 
@@ -149,14 +161,16 @@ def pick_usual(
     """
     if chosen is not None:
         return pick_topic(reader, chosen, types, what)
-    return only_one(reader, usual_topics(reader, usual, types), what)
+    return only_one(reader, usual_topics(reader, usual, types, prefix), what)
 
 
-def usual_topics(reader: BagReader, usual: str, types: Sequence[str]) -> list[str]:
+def usual_topics(
+    reader: BagReader, usual: str, types: Sequence[str], prefix: str | None = None
+) -> list[str]:
     """Return the topics of the ``usual`` name that have messages of one of ``types``."""
     return [
         topic
-        for topic, type_name in reader.offered.items()
+        for topic, type_name in offered(reader, prefix).items()
         if names(topic, usual) and type_name in types and reader.count([topic])
     ]
 
@@ -197,11 +211,6 @@ class Reading(NamedTuple):
     def is_refused(self) -> bool:
         """Whether there are neither tensions nor displacements."""
         return self.tensions is None and self.displacements is None
-
-    @property
-    def stamp_ns(self) -> int:
-        """The stamp [ns]."""
-        return self.stamp.ns
 
 
 class Source(NamedTuple):
@@ -246,10 +255,13 @@ class Source(NamedTuple):
         return Reading(*reader.read(record, calibrated))
 
 
-def pick_tensions(reader: BagReader, chosen: str | None, without: str | None = None) -> Source:
+def pick_tensions(
+    reader: BagReader, chosen: str | None, without: Collection[str] = (), prefix: str | None = None
+) -> Source:
     """Return the source of tensions on the topic ``chosen``, TOPIC or TOPIC:FIELD.
 
-    None takes the only topic besides ``without``, which is read as something else.
+    None takes the only topic besides ``without``, which is read as something else, that is
+    `offered` for the arm of ``prefix``.
 
     Raises:
         BagError: if there is none; the message lists the numeric fields of other types.
@@ -257,17 +269,19 @@ def pick_tensions(reader: BagReader, chosen: str | None, without: str | None = N
     if chosen is not None and ':' in chosen:
         return _pick_field(reader, chosen, 'tensions')
     try:
-        return Source(pick_topic(reader, chosen, TYPES, 'tensions', without))
+        return Source(pick_topic(reader, chosen, TYPES, 'tensions', without, prefix))
     except BagError as error:
         others = [chosen] if chosen is not None else list(reader.topics)
         others = [reader.full_name(topic) for topic in others]
         raise BagError(f'{error}{_fields_of(reader, others)}') from None
 
 
-def pick_displacements(reader: BagReader, chosen: str | None) -> Source | None:
+def pick_displacements(
+    reader: BagReader, chosen: str | None, prefix: str | None = None
+) -> Source | None:
     """Return the source of displacements on the topic ``chosen``, TOPIC or TOPIC:FIELD.
 
-    None takes tendon_displacements, if there is one.
+    None takes tendon_displacements of the arm of ``prefix``, if there is one.
 
     Raises:
         BagError: if there is no such topic or field, or there are several.
@@ -275,7 +289,7 @@ def pick_displacements(reader: BagReader, chosen: str | None) -> Source | None:
     if chosen is not None and ':' in chosen:
         return _pick_field(reader, chosen, 'displacements')
     kinds = (DISPLACEMENT_TYPE,)
-    topic = pick_usual(reader, chosen, DISPLACEMENTS, kinds, 'displacements')
+    topic = pick_usual(reader, chosen, DISPLACEMENTS, kinds, 'displacements', prefix)
     return None if topic is None else Source(topic, '', True)
 
 
@@ -407,7 +421,7 @@ def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
         ConfigError: if there is no description, or it describes no valid arm.
         BagError: if the bag is damaged.
     """
-    topics = usual_topics(in_namespace(reader, prefix), DESCRIPTION, (STRING,))
+    topics = usual_topics(reader, DESCRIPTION, (STRING,), prefix)
     if prefix + DESCRIPTION in topics:
         topics = [prefix + DESCRIPTION]
     if len(topics) != 1:

@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import shutil
 import sqlite3
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -85,24 +84,21 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
             raise BagError(f'{self.path}: exists already, expected the name of a new bag')
         if not self.path.name:
             raise BagError(f'{self.path}: expected the name of a new bag')
-        with self._failures():
-            self._folder = Path(
-                tempfile.mkdtemp(prefix=f'.{self.path.name}.', dir=self.path.parent)
+        with contextlib.ExitStack() as resources, self._failures():
+            folder = tempfile.TemporaryDirectory(
+                prefix=f'.{self.path.name}.', dir=self.path.parent, ignore_cleanup_errors=True
             )
-        try:
-            with self._failures():
-                # The file is named after this folder, as the recorder names the first of a bag.
-                self._writer = Writer(
-                    self._folder / f'{self.path.name}_0',
-                    version=VERSION,
-                    storage_plugin=StoragePlugin[storage.upper()],
-                )
-                for key, value in (custom or {}).items():
-                    self._writer.set_custom_data(key, value)
-                self._writer.open()
-        except BaseException:
-            self._discard()
-            raise
+            # The file is named after this folder, as the recorder names the first of a bag.
+            self._writer = Writer(
+                Path(resources.enter_context(folder)) / f'{self.path.name}_0',
+                version=VERSION,
+                storage_plugin=StoragePlugin[storage.upper()],
+            )
+            resources.callback(self._abort)
+            for key, value in (custom or {}).items():
+                self._writer.set_custom_data(key, value)
+            self._writer.open()
+            self._resources = resources.pop_all()
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Complete the bag, or discard it after an ``error``.
@@ -110,19 +106,15 @@ class BagWriter(contextlib.AbstractContextManager['BagWriter']):
         Raises:
             BagError: if the bag cannot be completed; it is then discarded.
         """
-        try:
+        with self._resources, self._failures():
             if error is None:
-                with self._failures():
-                    self._writer.close()
-                    self._writer.path.rename(self.path)
-        finally:
-            self._discard()
+                self._writer.close()
+                self._writer.path.rename(self.path)
 
-    def _discard(self) -> None:
-        """Remove the hidden folder of a bag that is not complete."""
+    def _abort(self) -> None:
+        """Close the file of a bag that is not complete."""
         with contextlib.suppress(Exception):
             self._writer.abort()
-        shutil.rmtree(self._folder, ignore_errors=True)
 
     @contextlib.contextmanager
     def _failures(self) -> Iterator[None]:

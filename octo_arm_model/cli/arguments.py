@@ -212,32 +212,35 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def read_config(options: argparse.Namespace) -> Config:
+def read_config(options: argparse.Namespace, model: str | None = None) -> Config:
     """Return the config that the options of `add_config` describe.
+
+    Without --model the model is ``model``, or that of the config if that is None.
 
     Raises:
         ConfigError: if there is no such file or preset, or it does not describe an arm, or the
             model has no choice of material.
         ArmDefinitionError: if a value given on the command line is impossible.
     """
-    return _read(options, moves=False)[0]
+    return _read(options, options.model or model)[0]
 
 
 def _read(
-    options: argparse.Namespace, moves: bool, motion: dict[str, Any] | None = None
+    options: argparse.Namespace, model: str | None, motion: dict[str, Any] | None = None
 ) -> tuple[Config, dict[str, Any]]:
-    """Return the config of `add_config`'s options for an arm that ``moves``, and its parameters.
+    """Return the config of `add_config`'s options for a ``model``, and its parameters.
 
-    Parameters in ``motion`` replace those of the file; None stands for the default.
+    An arm that moves has parameters of ``motion``, which replace those of the file; None stands
+    for the default.
     """
     file = load_config(options.config)
-    model = options.model or file.model
+    model = model or file.model
     if model != 'exact':
         refuse_without_effect(
             options, ('--material', '--density'), f'on {model}, which knows neither: choose exact'
         )
     replacements = {
-        'model': options.model,
+        'model': model,
         'stations': options.stations,
         'material.law': options.material,
         'material.density': options.density,
@@ -258,7 +261,7 @@ def _read(
     config = Config.from_parameters(parameters)
     if not any(np.any(parameters.get(f'loads.tip_{part}', 0.0)) for part in ('force', 'moment')):
         refuse_without_effect(options, ('--tip-frame',), 'without --tip-force or --tip-moment')
-    if not (any(config.loads.gravity) or moves):
+    if not (any(config.loads.gravity) or motion is not None):
         refuse_without_effect(options, ('--density', '--fluid-density'), 'without --gravity')
     return config, parameters
 
@@ -281,14 +284,13 @@ def read_moving_arm(options: argparse.Namespace) -> tuple[Config, dict[str, Any]
     """
     if options.model not in (None, 'exact'):
         raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
-    options.model = 'exact'
     motion: dict[str, Any] = {}
     if options.viscosity is not None:
         motion |= {'motion.viscosity': options.viscosity, 'motion.damping_time': None}
     if options.water is not None:
         motion |= {f'motion.{name}': None for name in WaterCoefficients._fields}
         motion['motion.water'] = options.water
-    return _read(options, moves=True, motion=motion)
+    return _read(options, 'exact', motion)
 
 
 def add_dynamic(parser: Any, kinds: Any = None) -> None:
@@ -301,13 +303,13 @@ def add_dynamic(parser: Any, kinds: Any = None) -> None:
     add_number(parser, '--step', STEP, 'step of the integration with --dynamic [s]', 'S')
 
 
-def read_dynamic(options: argparse.Namespace) -> float | None:
-    """Return the step of the motion [s]; None without --dynamic.
+def read_dynamic(options: argparse.Namespace, moves: bool = False) -> float | None:
+    """Return the step of the motion [s]; None without --dynamic, unless the arm ``moves`` anyway.
 
     Raises:
         OctoArmError: if --step is out of range, or given without --dynamic.
     """
-    if not options.dynamic:
+    if not (options.dynamic or moves):
         refuse_without_effect(options, ('--step',), 'without --dynamic')
         return None
     return within('--step', options.step, *STEPS, 's')

@@ -43,7 +43,13 @@ the tip over time.
 """
     + RECORDINGS
 )
-ERRORS = ('tip', 'mean', 'max', 'hausdorff')
+# The column of each error of a `MidlineErrors`.
+ERRORS = {
+    'tip': 'tip_error_percent',
+    'mean': 'mean_error_percent',
+    'max': 'max_error_percent',
+    'hausdorff': 'hausdorff_percent',
+}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -89,9 +95,7 @@ def rows(comparisons: Sequence[ModelComparison]) -> list[dict[str, Any]]:
         columns = {'bend_error_percent': comparison.bend_percent.tolist()}
         noise = [100.0 * step.shape.noise / comparison.length for step in comparison.steps]
         columns['noise_percent'] = noise
-        for name in ERRORS:
-            key = 'hausdorff_percent' if name == 'hausdorff' else f'{name}_error_percent'
-            columns[key] = comparison.percent(name).tolist()
+        columns |= {key: comparison.percent(name).tolist() for name, key in ERRORS.items()}
         for step, *values in zip(comparison.steps, *columns.values(), strict=True):
             window = step.shape.window
             errors = (None if math.isnan(value) else value for value in values)
@@ -158,18 +162,16 @@ def summary(comparisons: Sequence[ModelComparison], notes: Sequence[str]) -> str
             'step    T [N]  reached by  frames   tip [% of L]   signed   mean    max   Hausdorff'
             '   noise of a frame'
         )
-        columns = [comparison.percent(name) for name in ERRORS]
-        for step, *values in zip(comparison.steps, *columns, strict=True):
-            tip, mean, largest, hausdorff = (_cell(value) for value in values)
-            bend = 100.0 * step.bend / comparison.length
-            noise = 100.0 * step.shape.noise / comparison.length
-            left_out = f' ({step.shape.outliers} outliers left out)' if step.shape.outliers else ''
+        for row in rows([comparison]):
+            tip, mean, largest, hausdorff = (_cell(row[key]) for key in ERRORS.values())
+            left_out = f' ({row["outliers"]} outliers left out)' if row['outliers'] else ''
             lines.append(
-                f'{step.number:>4} {step.shape.tension:>8.3f} {step.direction:>11} '
-                f'{step.shape.frames:>7} {tip:>14} {_cell(bend, "+"):>8} {mean:>6} {largest:>6} '
-                f'{hausdorff:>11} {noise:>18.2f}{left_out}'
+                f'{row["step"]:>4} {row["tension"]:>8.3f} {row["direction"]:>11} '
+                f'{row["frames"]:>7} {tip:>14} {_cell(row["bend_error_percent"], "+"):>8} '
+                f'{mean:>6} {largest:>6} {hausdorff:>11} {row["noise_percent"]:>18.2f}{left_out}'
             )
-        tip, mean, largest, hausdorff = (_cell(_average(values)) for values in columns)
+        averages = (_cell(_average(comparison.percent(name))) for name in ERRORS)
+        tip, mean, largest, hausdorff = averages
         lines.append(f'Average{"":26}{tip:>15} {"":8} {mean:>6} {largest:>6} {hausdorff:>11}')
     return '\n'.join(lines)
 
@@ -193,4 +195,4 @@ def _average(percent: FloatArray) -> float | None:
 
 
 def _cell(value: float | None, sign: str = '-') -> str:
-    return '-' if value is None or math.isnan(value) else f'{value:{sign}.2f}'
+    return '-' if value is None else f'{value:{sign}.2f}'

@@ -145,7 +145,7 @@ def _read_estimator(options: argparse.Namespace) -> dict[str, Any]:
     return values
 
 
-def as_dict(result: Result) -> dict[str, Any]:
+def as_dict(result: Result, notes: Sequence[str]) -> dict[str, Any]:
     """Return the summary of a ``result`` in SI units, without the estimates of each time."""
     return {
         'times': len(result.moments),
@@ -183,14 +183,13 @@ def as_dict(result: Result) -> dict[str, Any]:
             'tip_error': [_or_none(_median(errors)) for errors in result.camera.tip],
             'mean_error': [_or_none(_median(errors)) for errors in result.camera.mean],
         },
-        'notes': [*result.recorded.notes, *result.recorded.settings.notes],
+        'notes': list(notes),
     }
 
 
-def summary(result: Result, files: Sequence[str]) -> str:
+def summary(result: Result, notes: Sequence[str], files: Sequence[str]) -> str:
     """Return the summary of a ``result`` as text, with the names of the written ``files``."""
-    recorded = result.recorded
-    lines = [*recorded.notes, *recorded.settings.notes]
+    recorded, lines = result.recorded, [*notes]
     lines.append(f'{len(result.moments)} times estimated from {", ".join(recorded.sensors.all)}')
     lines += [_touch(touch) for touch in result.touches]
     if list(recorded.settings.unknowns) == ['none']:
@@ -398,11 +397,9 @@ def run(options: argparse.Namespace) -> int:
             reader = resources.enter_context(
                 open_bag(options.bag, table, sources.calibration, columns, names, to_base)
             )
-            notes = list[str]()
-            if is_table:
-                sources, notes = _of_table(sources, reader)
+            sources, more = _of_table(sources, reader) if is_table else (sources, [])
             recorded = read_sensor_recording(reader, sources, bar.on_terminal)
-            recorded.notes.extend(notes)
+        notes = [*recorded.notes, *more]
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
         _refuse_idle(options, sensors, recorded.settings.unknowns)
         if recorded.camera is None:
@@ -412,7 +409,9 @@ def run(options: argparse.Namespace) -> int:
         outputs = []
         if out is not None:
             resources.enter_context(unwritten(out))
-            outputs.append(_bag_output(options, resources, reader, recorded))
+            write_bag, not_copied = _bag_output(options, resources, reader, recorded)
+            outputs.append(write_bag)
+            notes += not_copied
         if options.csv is not None:
             place = resources.enter_context(writing(options.csv, folder=True))
             tables = resources.enter_context(EstimateTables(place, recorded.models))
@@ -430,7 +429,8 @@ def run(options: argparse.Namespace) -> int:
         with writing(options.plot) as place:
             save(draw_estimate(result.moments, result.touches, result.camera), place)
     files = [str(path) for path in (out, options.csv, options.plot) if path is not None]
-    print(json.dumps(as_dict(result)) if options.json else summary(result, files))
+    notes += recorded.settings.notes
+    print(json.dumps(as_dict(result, notes)) if options.json else summary(result, notes, files))
     return 0
 
 
@@ -470,21 +470,18 @@ def _bag_output(
     resources: contextlib.ExitStack,
     reader: BagReader,
     recorded: SensorRecording,
-) -> Callable[[Moment, EstimatorOutput], None]:
-    """Return a function that writes estimates to the bag --out, at most --rate per second."""
+) -> tuple[Callable[[Moment, EstimatorOutput], None], list[str]]:
+    """Return a function that writes estimates to --out, at most --rate per second, and remarks."""
     from octo_arm_model.bags.outputs import copy_bag, estimate_output
     from octo_arm_model.bags.writer import BagWriter
 
     custom = {**reader.metadata, 'octo_arm_estimate': f'estimates for {options.bag.name}'}
     writer = resources.enter_context(BagWriter(options.out, options.storage, custom))
     prefix = recorded.sensors.prefix
-    if not options.no_copy:
-        not_copied = copy_bag(reader, writer, prefix)
-        recorded.notes.extend(f'{topic} not copied: {why}' for topic, why in not_copied.items())
+    not_copied = {} if options.no_copy else copy_bag(reader, writer, prefix)
     described = recorded.parameters, recorded.models, reader.start_ns
     write_estimate = estimate_output(writer, prefix, *described)
-    period = 1.0 / options.rate if options.rate else 0.0
-    due = -math.inf
+    period, due = 1.0 / options.rate if options.rate else 0.0, -math.inf
 
     def write(moment: Moment, update: EstimatorOutput) -> None:
         nonlocal due
@@ -493,4 +490,4 @@ def _bag_output(
         due = max(due + period, moment.time) if math.isfinite(due) else moment.time + period
         write_estimate(update.hypothesis, update.estimate, moment.stamp_ns, moment.received_ns)
 
-    return write
+    return write, [f'{topic} not copied: {why}' for topic, why in not_copied.items()]

@@ -81,21 +81,26 @@ _HIDDEN = '.octo_arm.'  # prefix of the temporary folders of unfinished output
 
 
 def check_out(
-    options: argparse.Namespace, name: str, *, folder: bool, draws: bool = False
-) -> None:
-    """Make the folder for the output option ``name``, if it is given.
+    options: argparse.Namespace,
+    name: str,
+    *,
+    folder: bool,
+    draws: bool = False,
+    usual: Path | None = None,
+) -> Path | None:
+    """Make the folder for the output option ``name``, and return its value.
 
-    ``folder`` says whether the option names a folder or a file. New folders are added to
-    ``options.made``, as `folders_made` needs them.
+    ``folder`` says whether the option names a folder or a file, ``usual`` is its value if it is
+    not given. New folders are added to ``options.made``, as `folders_made` needs them.
 
     Raises:
         ConfigError: if the option names a file instead of a folder or the other way round, or the
             output cannot be made or written.
         ModuleNotFoundError: if a command that ``draws`` pictures there lacks matplotlib.
     """
-    path: Path | None = getattr(options, name.removeprefix('--'))
+    path: Path | None = getattr(options, name.removeprefix('--')) or usual
     if path is None:
-        return
+        return None
     if draws:
         import matplotlib  # noqa: F401
     if path.exists() and path.is_dir() != folder:
@@ -117,6 +122,7 @@ def check_out(
             problem = error.strerror
     if problem is not None:
         raise ConfigError(f'{name} is {str(path)!r}, cannot be written: {problem}')
+    return path
 
 
 @contextlib.contextmanager

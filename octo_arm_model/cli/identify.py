@@ -18,7 +18,7 @@ from octo_arm_model.experiment.identify import identify
 from octo_arm_model.experiment.motion import identify_motion
 from octo_arm_model.experiment.observations import Observations
 from octo_arm_model.experiment.uncertainty import AUTO, Misfit
-from octo_arm_model.experiment.unknowns import FITS, OF_MOTION, is_of_arm
+from octo_arm_model.experiment.unknowns import FITS, is_of_arm
 
 
 def _misfit(misfit: Misfit | None) -> dict[str, float] | None:
@@ -196,10 +196,7 @@ def run(options: argparse.Namespace) -> int:
     check_out(options, '--pictures', folder=True, draws=True)
     check_out(options, '--csv', folder=True)
     check_out(options, '--out', folder=False)
-    # Only a motion depends on these parameters.
-    options.dynamic |= not {*OF_MOTION}.isdisjoint(options.fit)
-    default = [] if options.dynamic else [ALL]
-    recording, observations, models, alignment, notes, trajectory = read_options(options, default)
+    recording, observations, models, alignment, notes, trajectory = read_options(options, [ALL])
     fits = list(dict.fromkeys(options.fit))
     if alignment is None and 'alignment' not in fits:
         fits.append('alignment')

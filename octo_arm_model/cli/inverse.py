@@ -49,8 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Find the tensions and print them; return 1 if the target is out of reach."""
-    options.model = options.model or 'exact'
-    config = arguments.read_config(options)
+    config = arguments.read_config(options, 'exact')
     solver = config.solver()
     stiffness = options.stiffness and Stiffness(options.stiffness[:3], options.stiffness[3])
     highest = arguments.read_highest(options)

@@ -27,7 +27,7 @@ from octo_arm_model.experiment.observations import (
 from octo_arm_model.experiment.read_recording import read_recording
 from octo_arm_model.experiment.recording import LENGTH_UNITS, MarkerSources, Recording
 from octo_arm_model.experiment.steady_windows import SteadyRule
-from octo_arm_model.experiment.unknowns import OF_ENCODERS
+from octo_arm_model.experiment.unknowns import OF_ENCODERS, OF_MOTION
 from octo_arm_model.rod.solver import MODELS
 
 ALL = 'all'
@@ -194,7 +194,9 @@ def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
     if options.clock_offset is not None:
         finite('--clock-offset', options.clock_offset, 'a finite time [s]')
     steady = SteadyRule(options.steady, options.hold, options.settle)
-    step = arguments.read_dynamic(options)
+    # Only a motion depends on some parameters.
+    fits_motion = not {*OF_MOTION}.isdisjoint(getattr(options, 'fit', ()))
+    step = arguments.read_dynamic(options, fits_motion)
     is_poses = options.poses or options.pose_csv is not None
     kind = POSES if is_poses else RAMP if options.ramp is not None else STEPS
     option = {POSES: 'poses', RAMP: 'ramp', STEPS: 'dynamic'}[kind]
@@ -209,10 +211,10 @@ def _read_pairing(options: argparse.Namespace) -> tuple[Pairing, float | None]:
     if options.pose_csv is not None:  # A row is one measurement: it has one time, if any.
         of_stamps = '--clock-offset', '--tolerance'
         arguments.refuse_without_effect(options, of_stamps, 'with --pose-csv')
-        options.tolerance = 0.0
+    tolerance = options.tolerance if options.pose_csv is None else 0.0
     width = None if options.ramp is True else options.ramp
-    arguments_of_pairing = options.tolerance, options.clock_offset, options.base_end, kind, width
-    return Pairing(steady, *arguments_of_pairing), step
+    of_pairing = tolerance, options.clock_offset, options.base_end, kind, width
+    return Pairing(steady, *of_pairing), step
 
 
 T = TypeVar('T')
@@ -225,7 +227,8 @@ def read_options(
 ]:
     """Read the recording of `add_recording`'s options, and prepare its comparison.
 
-    Without --model the models are ``default_models``, or that of the config if there are none.
+    Without --model the models are ``default_models``, or that of the config if there are none; an
+    arm that moves has the model exact.
 
     Returns:
         The recording; its shapes; the names of the models; the alignment of the camera, None if it
@@ -280,10 +283,10 @@ def read_options(
             else f'the midlines name no frame: their alignment with {config.base_frame} is fitted'
         )
     observations, trajectory = observe(recording, pairing, alignment), None
-    models = _models(options.model or default_models, config)
+    names = options.model or (['exact'] if step is not None else default_models or [config.model])
+    models = list(MODELS) if ALL in names else list(dict.fromkeys(names))
     if step is not None:
         trajectory = TensionTrajectory(recording.tension_time, recording.tensions, step)
-        models = _models(options.model or ['exact'], config)
         if models != ['exact']:
             raise ConfigError(f'--model is {" ".join(models)}, of which only exact moves')
     all_notes = [*observations.notes, *notes]
@@ -310,12 +313,6 @@ def of_each(
                 raise
             notes.append(f'{model} is not {done}: {error}')
     return results
-
-
-def _models(names: Sequence[str], config: Config) -> list[str]:
-    if not names:
-        return [config.model]
-    return list(MODELS) if ALL in names else list(dict.fromkeys(names))
 
 
 def read_alignment(words: Sequence[str]) -> Alignment | None:

@@ -127,8 +127,9 @@ def run(options: argparse.Namespace) -> None:
     elapsed = time.monotonic() - start
     if options.json:
         content = dataclasses.asdict(report)
-        for topic in content['topics'].values():
-            del topic['refusals']  # `reasons` has a summary of them
+        for name, topic in report.topics.items():
+            content['topics'][name]['reasons'] = topic.reasons
+            del content['topics'][name]['refusals']  # which these are a summary of
         content |= {'out': str(options.out), 'duration': duration, 'elapsed': elapsed}
         print(json.dumps(content))
     else:

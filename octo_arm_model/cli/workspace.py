@@ -60,9 +60,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Solve all samples, and draw and print the positions of the tip; return 1 if none is."""
     config = arguments.read_config(options)
-    if options.out is None and not options.json:
-        options.out = Path('workspace.png')
-    check_out(options, '--out', folder=False, draws=True)
+    usual = None if options.json else Path('workspace.png')
+    out = check_out(options, '--out', folder=False, draws=True, usual=usual)
     highest = arguments.read_highest(options)
     with Bar('sets of tensions') as bar:
         workspace = sample_workspace(
@@ -74,13 +73,13 @@ def run(options: argparse.Namespace) -> int:
             scheduler=options.scheduler,
             progress=bar,
         )
-    if options.out is not None:
-        with writing(options.out) as place:
+    if out is not None:
+        with writing(out) as place:
             draw_workspace(workspace, config.solver(), place)
     print(
         json.dumps(as_dict(workspace, config.model, options.seed))
         if options.json
-        else summary(workspace, config.model, options.out)
+        else summary(workspace, config.model, out)
     )
     return int(not len(workspace.tip))
 

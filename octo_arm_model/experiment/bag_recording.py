@@ -17,10 +17,10 @@ from octo_arm_model.bags.topics import (
     MIDLINE,
     TABLE,
     Source,
+    arm_of,
     as_described,
     describe,
     namespace,
-    of_one_arm,
     pick_displacements,
     pick_tensions,
     pick_topic,
@@ -55,10 +55,12 @@ class MeasuredTopics:
         points: MeasuredPoints,
         base_frame: str,
         count: Count,
+        prefix: str | None = None,
     ) -> None:
         """Choose the topics of ``reader`` with the points that ``measured`` describes.
 
-        ``points`` checks them, and ``count`` counts the messages.
+        ``points`` checks them, and ``count`` counts the messages. Defaults are those of the arm in
+        the namespace ``prefix``.
 
         Raises:
             BagError: if a topic is missing, or has a type without points.
@@ -80,7 +82,7 @@ class MeasuredTopics:
             for source in measured.sources or (None,):
                 name, colon, field = (source or '').partition(':')
                 kinds = None if colon else ONE if several else (*MIDLINES, *ONE)
-                self.topics.append(pick_topic(reader, name or None, kinds, what))
+                self.topics.append(pick_topic(reader, name or None, kinds, what, (), prefix))
                 if colon:
                     self._fields[self.topics[-1]] = field
             if len(set(self.topics)) < len(self.topics):
@@ -201,15 +203,15 @@ class BagRecording:
         Raises:
             BagError: if there are neither tensions nor displacements, or a topic is missing.
         """
-        self.reader = reader = of_one_arm(reader, tensions or displacements)
-        self.count, self.notes = count, notes_on(reader)
+        self.reader, self.count, self.notes = reader, count, notes_on(reader)
+        self._prefix = prefix = arm_of(reader, tensions or displacements)
         self.cells: Source | None = None
         has_file = files.displacements is not None
-        self.encoders = None if has_file else pick_displacements(reader, displacements)
+        self.encoders = None if has_file else pick_displacements(reader, displacements, prefix)
         if files.tensions is None:
-            without = self.encoders.topic if self.encoders else None
+            without = (self.encoders.topic,) if self.encoders else ()
             try:
-                self.cells = pick_tensions(reader, tensions, without)
+                self.cells = pick_tensions(reader, tensions, without, prefix)
             except BagError:
                 if tensions is not None or not (self.encoders or has_file):
                     raise
@@ -223,7 +225,7 @@ class BagRecording:
         self, measured: MarkerSources, points: MeasuredPoints, base_frame: str
     ) -> MeasuredTopics:
         """Return a reader of the measured points, whose sources ``measured`` describes."""
-        return MeasuredTopics(self.reader, measured, points, base_frame, self.count)
+        return MeasuredTopics(self.reader, measured, points, base_frame, self.count, self._prefix)
 
     def readings(
         self, source: Source | None, config: Config, refusals: Refusals
@@ -239,7 +241,7 @@ class BagRecording:
             if reading.is_refused or reading.displacements == {}:
                 refusals.count(source.topic, reading.reason or NO_READING)
                 continue
-            rows.stamps.append(reading.stamp_ns)
+            rows.stamps.append(reading.stamp.ns)
             if reading.tensions is not None:
                 row = reading.tensions.ravel()
             else:
@@ -293,9 +295,7 @@ def opened(
         written = Path(folder) / 'table'
         values = {**parameters, **calibration}
         notes = _write(written, path, values, columns, marker_names, to_base)
-        with BagReader(written) as reader:
-            reader.path = path  # what errors name
-            reader.notes += notes
+        with BagReader(written, path, notes) as reader:
             yield reader
 
 

@@ -208,6 +208,7 @@ def _check_along(parameters: Mapping[str, Any], arm: Arm, fits: Sequence[str]) -
         (REST_CURVATURE, 'rest.table_curvature'),
         (REST_TORSION, 'rest.table_torsion'),
         (BENDING, 'stiffness.table_bending'),
+        ('poisson_ratio', 'material.table_poisson_ratio'),
     ):
         tables = [one for one in parameters if one.startswith(table)]
         if name in fits and any(parameters[one] for one in tables):
@@ -343,8 +344,6 @@ class Unknowns:
         config = Config.from_parameters(self._parameters)
         material = config.arm.material
         _check_along(self._parameters, config.arm, fits)
-        if 'poisson_ratio' in fits and self._parameters.get('material.table_poisson_ratio'):
-            raise ConfigError('poisson_ratio cannot be fitted: the config has a table of it')
         if self._parameters.get('material.shear_modulus'):
             # E is fitted at constant nu, so that G changes with it.
             self._parameters['material.shear_modulus'] = 0.0

@@ -50,7 +50,7 @@ def written(path: Path, experiment: Experiment, *topics: str) -> tuple[Seen, lis
         add_demo(writer, PROTOTYPE, experiment)
     with BagReader(path) as reader:
         config = Config.from_parameters(PROTOTYPE)
-        tensions = {one.stamp_ns: one.tensions for one in tensions_in(reader, config)}
+        tensions = {one.stamp.ns: one.tensions for one in tensions_in(reader, config)}
         found = [
             {one.received_ns: reader.decode(one) for one in reader.messages([topic])}
             for topic in topics

@@ -65,7 +65,7 @@ def test_a_bag_by_the_writer_of_mcap_is_read(tmp_path):
     for topic, kind in topics.items():
         found = readings_of(path, topic)
         assert_array_equal([one.tensions for one in found], tensions)
-        stamps = {one.stamp_ns for one in found}
+        stamps = {one.stamp.ns for one in found}
         assert stamps == (
             {7 * 10**9 + 8} if kind != ARRAY else {START + i * STEP for i in range(5)}
         )
@@ -274,7 +274,7 @@ def test_bytes_that_are_no_message_are_refused_with_the_time_of_receipt(tmp_path
     # What rclpy serialises, without positions and velocities, may end with bytes of no meaning.
     content[2] = content[2]._replace(data=bytes(content[2].data) + 8 * b'\x7f')
     found = readings_of(write_bag(tmp_path / 'bag', content))
-    assert found[1].stamp_ns == content[1].received_ns
+    assert found[1].stamp.ns == content[1].received_ns
     assert 'bytes that are no octo_arm_msgs/msg/TendonTensions' in found[1].reason
     assert_array_equal(found[2].tensions, tensions[2])
 

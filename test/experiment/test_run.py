@@ -107,7 +107,7 @@ def lost(is_smooth: bool, recover_after: float = 1.0) -> Result:
 def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth):
     found = lost(is_smooth)
     (time,) = found.restarts
-    assert 2.0 < time < 3.5 and f'reset at {time:.2f} s' in summary(found, [])
+    assert 2.0 < time < 3.5 and f'reset at {time:.2f} s' in summary(found, (), [])
     after = (found.camera.time > time) & (found.camera.time < 4.0)
     assert after.any() and (found.camera.tip[0][after] < 3e-3).all()
 
