@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_830,
+    'octo_arm_model': 44_820,
     'octo_arm_model/analysis': 1_590,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_460,
