@@ -418,13 +418,7 @@ class UncertaintyDrawing:
 
 
 ARROW_TRIANGLES: IntArray = tube_triangles(4, CORNERS)
-_NEXT = np.roll(np.arange(CORNERS), -1)
-CONE_TRIANGLES: IntArray = np.concatenate(
-    [
-        np.stack([np.arange(CORNERS), _NEXT, np.full(CORNERS, middle)], axis=1)
-        for middle in (CORNERS, CORNERS + 1)
-    ]
-)
+CONE_TRIANGLES: IntArray = tube_triangles(1, CORNERS)
 
 
 ARMS = 8

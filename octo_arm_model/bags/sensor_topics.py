@@ -176,7 +176,7 @@ def read_measured(
         BagError: if the bag is damaged.
     """
     stamped = [
-        StampedMeasurement(int(stamp), int(received), Tensions(row, arm.noise.tension))
+        StampedMeasurement(int(stamp), int(received), Tensions(row, arm.settings.tension_stddev))
         for stamp, received, row in zip(*tensions)
     ]
     message_types = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}

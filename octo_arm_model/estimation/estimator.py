@@ -126,7 +126,7 @@ class Estimator:
         cls, settings: EstimatorSettings, models: Mapping[str, ArmModel], window: float
     ) -> Estimator:
         """Return the estimator by ``settings`` for measurements up to ``window`` [s] late."""
-        return cls(models, settings.rules, window, settings.change_time)
+        return cls(models, settings.rules, window, settings.given.change_time)
 
     def add(self, stamp_ns: int, measurements: Sequence[Measurement]) -> EstimatorOutput:
         """Process ``measurements`` of the time ``stamp_ns`` [ns], and return the newest estimate.

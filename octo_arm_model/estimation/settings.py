@@ -145,23 +145,6 @@ class EstimatorParameters(ParameterGroup):
 ESTIMATOR_PARAMETERS = EstimatorParameters.table()
 
 
-@dataclass(frozen=True)
-class SensorNoise:
-    """The standard deviations of measurements; 0 if unknown.
-
-    Attributes:
-        tension: noise of load cells [N].
-        model_position: error of the model in each coordinate of tip and markers [m].
-        model_rotation: error of the model in the rotation vector of the tip [rad].
-        given: all parameters of the estimator, among them noise and places of other sensors.
-    """
-
-    tension: float
-    model_position: float
-    model_rotation: float
-    given: EstimatorParameters
-
-
 class TensionStatistics(NamedTuple):
     """The statistics of the tensions of a recording; 0 if it does not determine them.
 
@@ -180,18 +163,16 @@ class EstimatorSettings:
 
     Attributes:
         unknowns: unknowns of each place of contact, by its name; one if the place is given.
-        noise: noise of the sensors.
+        tension_stddev: standard deviation of readings of load cells [N].
+        given: all parameters, among them noise and places of other sensors.
         rules: assumptions about the sensors.
-        window: largest delay of a measurement [s].
-        change_time: mean time after which the contact moves to another place [s].
         notes: values of parameters that were not given, in words.
     """
 
     unknowns: Mapping[str, Unknowns]
-    noise: SensorNoise
+    tension_stddev: float
+    given: EstimatorParameters
     rules: Rules
-    window: float
-    change_time: float
     notes: tuple[str, ...]
 
     @classmethod
@@ -222,10 +203,9 @@ class EstimatorSettings:
         recorded, notes = recorded or TensionStatistics(), list[str]()
         return cls(
             _unknowns(options, config, recorded, notes),
-            _noise(options, config, recorded, notes),
+            _tension_stddev(config, recorded, notes),
+            options,
             Rules(options.gate, options.cell_fault, options.sensor_fault, options.recover_after),
-            options.window,
-            options.change_time,
             tuple(notes),
         )
 
@@ -340,15 +320,13 @@ def _check_recorded(quantity: str, value: float, unit: str, name: str) -> None:
         )
 
 
-def _noise(
-    options: EstimatorParameters, config: Config, recorded: TensionStatistics, notes: list[str]
-) -> SensorNoise:
-    """Return the noise of the sensors; the load cells' is the arm's, or else the recording's."""
-    known, tension = config.uncertainty, config.uncertainty.tension or recorded.noise
-    if tension > known.tension:
+def _tension_stddev(config: Config, recorded: TensionStatistics, notes: list[str]) -> float:
+    """Return the deviation of load cells [N]: that of the arm, or else of the recording."""
+    tension = config.uncertainty.tension or recorded.noise
+    if tension > config.uncertainty.tension:
         _check_recorded('tensions vary by', tension, 'N', 'tension_stddev')
         notes.append(f'tensions are measured to {tension:.3g} N (as their differences vary)')
     elif not tension:
         tension = _TENSION
         notes.append(f'tensions are measured to {tension:g} N (tension_stddev is not given)')
-    return SensorNoise(tension, known.model_position, known.model_rotation, options)
+    return tension

@@ -135,7 +135,7 @@ def read_sensor_recording(
         given = sources.alignment or Alignment.none()
         return Pose(tuple(given.shift.tolist()), tuple(given.quaternion.tolist()))
 
-    arm = MeasuredArm(config, settings.noise, pose_of if sources.alignment else None)
+    arm = MeasuredArm(config, settings, pose_of if sources.alignment else None)
     groups = read_measured(reader, sensors, tensions, arm, refusals, count.add)
     if not groups:
         where = ', '.join(sensors.all)

@@ -19,7 +19,7 @@ from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation import measurements
 from octo_arm_model.estimation.measurement import checked_numbers
-from octo_arm_model.estimation.settings import SensorNoise
+from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.rod.rotations import skew
 from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import (
@@ -131,12 +131,12 @@ class MeasuredArm:
 
     Attributes:
         config: the description of the arm.
-        noise: the noise of the sensors.
+        settings: the settings of its estimator, among them the noise of sensors.
         pose_of: pose of a frame in base_frame; None if measurements are in base_frame.
     """
 
     config: Config
-    noise: SensorNoise
+    settings: EstimatorSettings
     pose_of: PoseOf | None = None
 
     def frame(self, header: Any) -> tuple[Rotation, FloatArray]:
@@ -180,7 +180,7 @@ def tensions_of(readings: FloatArray, arm: MeasuredArm) -> measurements.Tensions
         MeasurementError: if a tension is not finite.
     """
     tensions = arm.config.load_cells.scale_and_offset(readings)
-    return measurements.Tensions(tensions.ravel(), arm.noise.tension)
+    return measurements.Tensions(tensions.ravel(), arm.settings.tension_stddev)
 
 
 def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> measurements.Measurement:
@@ -193,12 +193,12 @@ def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> measure
     if not lengths:
         raise TensionError('it has no displacements')
     return measurements.TendonDisplacements(
-        list(lengths.values()), arm.noise.given.displacement_stddev, tuple(lengths)
+        list(lengths.values()), arm.settings.given.displacement_stddev, tuple(lengths)
     )
 
 
 def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
-    noise, (rotation, origin) = arm.noise, arm.frame(message.header)
+    given, (rotation, origin) = arm.settings.given, arm.frame(message.header)
     p, orientation = message.pose.pose.position, message.pose.pose.orientation
     # Numbers are checked before the rotation, which would spread a wrong one to others.
     position = rotation.apply(checked_numbers('tip pose: position', [p.x, p.y, p.z])) + origin
@@ -226,17 +226,17 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
         )
     for part, quantity in ((slice(0, 3), 'position'), (slice(3, 6), 'rotation')):
         if not sensor[part, part].any():
-            sensor[part, part] = getattr(noise.given, f'tip_{quantity}_stddev') ** 2 * np.eye(3)
+            sensor[part, part] = getattr(given, f'tip_{quantity}_stddev') ** 2 * np.eye(3)
     if not sensor[:3, :3].any():
         raise MeasurementError(
             'its covariance is zero and estimator.tip_position_stddev is 0: its noise is not known'
         )
     turn = np.kron(np.eye(2), rotation.as_matrix())
     covariance = turn @ sensor @ turn.T
-    covariance[:3, :3] += noise.model_position**2 * np.eye(3)
+    covariance[:3, :3] += arm.config.uncertainty.model_position**2 * np.eye(3)
     if not sensor[3:, 3:].any():
         return measurements.TipPosition(position, covariance[:3, :3])
-    covariance[3:, 3:] += noise.model_rotation**2 * np.eye(3)
+    covariance[3:, 3:] += arm.config.uncertainty.model_rotation**2 * np.eye(3)
     quaternion: FloatArray = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
     length = math.hypot(*quaternion.tolist())
     if _SHORTEST < length < _LONGEST:
@@ -256,8 +256,8 @@ def markers_of(
         MeasurementError: if there are not as many as estimator.marker_s, or all are hidden.
         TensionError: if there is no such field.
     """
-    noise, (rotation, origin) = arm.noise, arm.frame(message.header)
-    places = noise.given.marker_s
+    given, (rotation, origin) = arm.settings.given, arm.frame(message.header)
+    places = given.marker_s
     if not places:
         raise MeasurementError(
             'estimator.marker_s is empty: where the markers are on the arm is not known'
@@ -274,14 +274,14 @@ def markers_of(
     if not is_seen.any():
         raise MeasurementError('it shows no marker')
     s = np.array(places)[is_seen]
-    stddev = float(np.hypot(noise.given.marker_stddev, noise.model_position))
+    stddev = float(np.hypot(given.marker_stddev, arm.config.uncertainty.model_position))
     visible = checked_numbers('markers: value', points[is_seen])
     return measurements.Markers(s, rotation.apply(visible) + origin, stddev)
 
 
 def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
-    noise, (rotation, origin) = arm.noise, arm.frame(message.header)
-    stddevs = [getattr(noise.given, f'base_{part}_stddev') for part in ('force', 'moment')]
+    given, (rotation, origin) = arm.settings.given, arm.frame(message.header)
+    stddevs = [getattr(given, f'base_{part}_stddev') for part in ('force', 'moment')]
     if not all(stddevs):
         raise MeasurementError(
             'estimator.base_force_stddev or base_moment_stddev is 0: its noise is not known'

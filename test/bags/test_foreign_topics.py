@@ -200,12 +200,12 @@ def read(
     path: Path, content: list[Sample]
 ) -> tuple[SensorTopics, RecordedTensions, list, Refusals]:
     """The sensors of a bag, tensions, all that is measured by its stamps, and what is left out."""
-    noise = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG).noise
+    settings = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG)
     content, refusals = sorted(content, key=lambda one: one.received_ns), Refusals()
     with BagReader(write_bag(path, content)) as reader:
         sensors = find_sensors(reader)
         rows = read_tension_rows(reader, sensors, CONFIG, refusals)
-        groups = read_measured(reader, sensors, rows, MeasuredArm(CONFIG, noise), refusals)
+        groups = read_measured(reader, sensors, rows, MeasuredArm(CONFIG, settings), refusals)
     return sensors, rows, groups, refusals
 
 

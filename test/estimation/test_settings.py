@@ -58,12 +58,11 @@ def test_arm_and_recording_override_defaults():
     )
     recorded = TensionStatistics(0.007, 0.2)
     chosen = EstimatorSettings.from_parameters({}, config, recorded)
-    assert chosen.noise.tension == 0.03
-    assert chosen.noise.model_position == pytest.approx(0.01 * LENGTH)
+    assert chosen.tension_stddev == 0.03
     assert rates(chosen) == [0.2] * 4
     assert chosen.unknowns['tip'].log_modulus is not None
     chosen = EstimatorSettings.from_parameters({}, CONFIG, recorded)
-    assert chosen.noise.tension == 0.007
+    assert chosen.tension_stddev == 0.007
     parameters = {f'{PREFIX}tension_rate': 1.5}
     chosen = EstimatorSettings.from_parameters(parameters, CONFIG, recorded)
     assert rates(chosen) == [1.5] * 4
@@ -124,7 +123,7 @@ def test_places_beyond_the_tip_by_rounding_are_at_the_tip():
     beyond = LENGTH * (1.0 + 5e-10)
     chosen = settings(contact='at', contact_s=[beyond], marker_s=[0.1, beyond])
     assert chosen.unknowns['at'].point_forces[0].s == LENGTH
-    assert chosen.noise.given.marker_s == (0.1, LENGTH)
+    assert chosen.given.marker_s == (0.1, LENGTH)
     assert check_marker_s([0.1, beyond], LENGTH).tolist() == [0.1, LENGTH]
 
 

@@ -47,7 +47,7 @@ READERS = {one.type_name: one.read for one in MEASUREMENT_TOPICS.values()}
 
 def arm(values: dict[str, Any] = VALUES, pose_of: Any = None, **changes: Any) -> MeasuredArm:
     config = Config.from_parameters({**PARAMETERS, **changes})
-    return MeasuredArm(config, EstimatorSettings.from_parameters(values, config).noise, pose_of)
+    return MeasuredArm(config, EstimatorSettings.from_parameters(values, config), pose_of)
 
 
 def pose_of(frame: str, stamp_ns: int) -> Pose:

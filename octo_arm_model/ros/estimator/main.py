@@ -74,21 +74,23 @@ class PreparedEstimator(Prepared):
         solver = next(iter(models.values())).solver
         prepared = cls(description, config, solver, settings, models)
         # A first update compiles and loads what messages need, before the first one comes.
-        rest = Tensions(np.zeros(len(config.arm.tendons)), settings.noise.tension)
+        rest = Tensions(np.zeros(len(config.arm.tendons)), settings.tension_stddev)
         prepared.estimator().add(0, [rest]).estimate.pose_covariance  # noqa: B018
         return prepared
 
     def estimates_as(self, other: PreparedEstimator) -> bool:
         """Whether the same measurements give the same estimate as with ``other``."""
-        mine, theirs = (
-            (arm.settings, arm.config.load_cells, arm.config.encoders, arm.config.base_frame)
-            for arm in (self, other)
+        names = 'uncertainty', 'load_cells', 'encoders', 'base_frame'
+        is_same = all(getattr(self.config, name) == getattr(other.config, name) for name in names)
+        return (
+            is_same
+            and self.settings == other.settings
+            and self.config.has_balance_of(other.config)
         )
-        return mine == theirs and self.config.has_balance_of(other.config)
 
     def estimator(self) -> Estimator:
         """Return an estimator of the arm in the state of the prior."""
-        return Estimator.from_settings(self.settings, self.models, self.settings.window)
+        return Estimator.from_settings(self.settings, self.models, self.settings.given.window)
 
 
 _BACK = 1.0  # [s] beyond the window; stamps that run back further reset the estimate
@@ -139,10 +141,10 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         return estimator
 
     def _measured_arm(self) -> MeasuredArm:
-        config, settings = self._arm.config, self._arm.settings
+        config = self._arm.config
         return MeasuredArm(
             config,
-            settings.noise,
+            self._arm.settings,
             lambda frame, stamp_ns: self._frames.pose_of(frame, config.base_frame, stamp_ns),
         )
 
@@ -166,7 +168,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._diagnostics.received(topic, stamp, is_tensions=is_tensions)
         resolved = self._resolved(stamp)
         step_back = 1e-9 * (self._newest.get(topic, resolved).ns - resolved.ns)
-        if step_back > self._arm.settings.window + _BACK:  # as when a bag is played again
+        if step_back > self._arm.settings.given.window + _BACK:  # as when a bag is played again
             words = f'stamps run back by {step_back:.3g} s; the estimate is reset'
             self._refusal_log.add(topic, words)
             self._status.ran_back(topic)
