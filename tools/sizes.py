@@ -16,14 +16,14 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 44_820,
+    'octo_arm_model': 44_800,
     'octo_arm_model/analysis': 1_590,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_460,
     'octo_arm_model/bags': 2_570,
     'octo_arm_model/cli': 3_060,
     'octo_arm_model/config': 1_720,
-    'octo_arm_model/estimation': 3_630,
+    'octo_arm_model/estimation': 3_610,
     'octo_arm_model/experiment': 6_220,
     'octo_arm_model/reproduce': 1_040,
     'octo_arm_model/rod': 11_300,

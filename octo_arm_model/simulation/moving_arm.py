@@ -84,15 +84,13 @@ class DrivenMotion:
         if elapsed_ns >= _SAME_NS:
             self._time_ns = stamp_ns
             if not self._ended:
-                self._advance(now, 1e-9 * elapsed_ns)
+                try:
+                    elapsed = 1e-9 * elapsed_ns
+                    self._state = self.dynamics.go_on(self.state, now, elapsed, self._step)
+                except SolveError as error:
+                    self._ended = str(error)
         if self._ended:
             raise SolveError(self._ended)
-
-    def _advance(self, inputs: Inputs, elapsed: float) -> None:
-        try:
-            self._state = self.dynamics.go_on(self.state, inputs, elapsed, self._step)
-        except SolveError as error:
-            self._ended = str(error)
 
     @property
     def is_wound(self) -> bool:
