@@ -22,7 +22,7 @@ from octo_arm_model.arm.errors import ArmDefinitionError, SolveError
 from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.rod.elements import Elements, gauss_rule
-from octo_arm_model.rod.loads import LocalTangents, along
+from octo_arm_model.rod.loads import along
 from octo_arm_model.rod.rotations import dot, outer, skew
 
 _SPACING, _POINTS = 0.2, 3  # length of the parts of an element over R, and points of each
@@ -103,6 +103,7 @@ class Contact:
         stiffness = max(obstacle.stiffness for obstacle in obstacles)
         stiffest = 2.0 * float(self._radius.max()) * stiffness
         self.rounding = _ROUNDED * stiffest * arm.length**2
+        self._elements, self._element = elements, elements.element_at(self._s)
         self._between = elements.interpolation(self._s)
         self._back = self._between.T * self._weights / elements.weights[:, np.newaxis]
 
@@ -123,21 +124,34 @@ class Contact:
 
     def tangents(
         self, place: FloatArray, motion: NodeMotion | None = None, by_velocity: float = 0.0
-    ) -> list[LocalTangents]:
-        """Return derivatives of `densities`; velocities change ``by_velocity`` times places."""
-        tangents = []
-        for touch in self._touches(place):
-            n = touch.normal[:, :, np.newaxis]
-            across = n * touch.stiffness[:, np.newaxis, np.newaxis]
-            tangent = LocalTangents(
-                touch.push[..., np.newaxis] * touch.turn - across * touch.normal[:, np.newaxis],
-                between=self._between[touch.where],
-                back=self._back[:, touch.where],
-            )
-            if motion is not None and touch.obstacle.friction:
-                tangent = self._with_drag(tangent, touch, motion, by_velocity)
-            tangents.append(tangent)
-        return tangents
+    ) -> FloatArray | None:
+        """Return derivatives of `densities` as of `add_tangents`; None if nothing is touched.
+
+        Velocities change ``by_velocity`` times places.
+        """
+        if not (touches := self._touches(place)):
+            return None
+        elements, points = self._elements.lengths.size, self._elements.points
+        total = np.zeros((elements, points, points, 2, 2, 3, 3))
+        for touch in touches:
+            parts, element = self._tangents(touch, motion, by_velocity), self._element[touch.where]
+            for e in np.unique(element):
+                inside, nodes = element == e, slice(e * points, (e + 1) * points)
+                where = touch.where[inside]
+                pairs = self._back[nodes, where][:, np.newaxis] * self._between[where, nodes].T
+                total[e] += (pairs @ parts[inside].reshape(-1, 36)).reshape(total.shape[1:])
+        blocks = total.transpose(3, 4, 0, 1, 5, 2, 6)
+        return blocks.reshape(2, 2, elements, 3 * points, 3 * points)
+
+    def _tangents(self, touch: _Touch, motion: NodeMotion | None, c: float) -> FloatArray:
+        """Return derivatives of force and moment by displacement and turn, (n, 2, 2, 3, 3)."""
+        parts = np.zeros((touch.where.size, 2, 2, 3, 3))
+        n = touch.normal
+        parts[:, 0, 0] = touch.push[..., np.newaxis] * touch.turn
+        parts[:, 0, 0] -= touch.stiffness[:, np.newaxis, np.newaxis] * outer(n, n)
+        if motion is not None and touch.obstacle.friction:
+            self._add_drag(parts, touch, motion, c)
+        return parts
 
     def _touches(self, place: FloatArray) -> list[_Touch]:
         points, touches = self._between @ place, []
@@ -173,9 +187,7 @@ class Contact:
         speed = np.sqrt(dot(sliding, sliding) + touch.obstacle.creep_speed**2)
         return -touch.obstacle.friction * touch.push * sliding / speed, slip, speed, spin
 
-    def _with_drag(
-        self, tangents: LocalTangents, touch: _Touch, motion: NodeMotion, c: float
-    ) -> LocalTangents:
+    def _add_drag(self, parts: FloatArray, touch: _Touch, motion: NodeMotion, c: float) -> None:
         drag, slip, speed, spin = self._slip(touch, motion)
         n, turn, mu = touch.normal, touch.turn, touch.obstacle.friction
         size, identity = mu * touch.push, np.eye(3)
@@ -191,12 +203,10 @@ class Contact:
         force_by_place = outer(drag, n) / -touch.depth[:, np.newaxis, np.newaxis]
         force_by_place -= by_sliding @ by_place
         force_by_turn = -by_sliding @ by_turn
-        return tangents._replace(
-            force_by_place=tangents.force_by_place + force_by_place,
-            force_by_turn=force_by_turn,
-            moment_by_place=radius * skew(drag) @ turn - lever @ force_by_place,
-            moment_by_turn=-lever @ force_by_turn,
-        )
+        parts[:, 0, 0] += force_by_place
+        parts[:, 0, 1] = force_by_turn
+        parts[:, 1, 0] = radius * skew(drag) @ turn - lever @ force_by_place
+        parts[:, 1, 1] = -lever @ force_by_turn
 
     # Results -----------------------------------------------------------------------------------
 

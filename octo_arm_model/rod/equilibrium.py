@@ -43,6 +43,7 @@ class Condition(NamedTuple):
         lengths: lengths that winches have reeled in [m], (J,), used where ``driven``.
         driven: whether a winch holds the length of a tendon, not its tension, (J,); empty if there
             are no winches.
+        rigidity: factor on the stiffness of obstacles [-], less than 1 on the way to a shape.
     """
 
     tensions: FloatArray
@@ -51,6 +52,7 @@ class Condition(NamedTuple):
     before: FloatArray | None = None
     lengths: FloatArray = np.zeros(0)
     driven: NDArray[np.bool_] = np.zeros(0, np.bool_)
+    rigidity: float = 1.0
 
     def towards(self, other: Condition, part: float) -> Condition:
         """Return the condition at the fraction ``part`` of the way to an ``other`` one."""
@@ -61,6 +63,7 @@ class Condition(NamedTuple):
             tensions=self.tensions + part * (other.tensions - self.tensions),
             tip_wrench=self.tip_wrench + part * (other.tip_wrench - self.tip_wrench),
             factor=self.factor + part * (other.factor - self.factor),
+            rigidity=self.rigidity ** (1.0 - part) * other.rigidity**part,
             lengths=lengths + part * (other.lengths - lengths),
         )
 
@@ -81,6 +84,11 @@ class NodeCondition(NamedTuple):
     force: FloatArray
     couple: FloatArray
     dead: FloatArray
+
+    @property
+    def is_touching(self) -> bool:
+        """Whether other loads than dead ones act, such as those of obstacles that are touched."""
+        return bool((self.force != self.dead[0]).any())
 
 
 class State(NamedTuple):
@@ -253,19 +261,20 @@ class Problem:
         at_nodes = self._with_friction(at_nodes, z)
         if not self.follows:
             return at_nodes
-        force, couple = at_nodes.dead + self._following_loads(at_nodes.condition.factor, z)
+        force, couple = at_nodes.dead + self._following_loads(at_nodes.condition, z)
         return at_nodes._replace(force=force, couple=couple)
 
-    def _following_loads(self, factor: float, z: FloatArray) -> FloatArray:
+    def _following_loads(self, condition: Condition, z: FloatArray) -> FloatArray:
         """Return force and free moment of the loads that depend on the shape, (2, N, 3)."""
         total = np.zeros((2, len(z), 3))
         if self.others.loads:
-            total += factor * self.others.resultants(NodeRod(self.others, self.work.quaternion, z))
+            rod = NodeRod(self.others, self.work.quaternion, z)
+            total += condition.factor * self.others.resultants(rod)
         if self.contact is not None:
             # The factor does not apply: an obstacle is there before other loads act.
             touching = self.touching
             density = self.contact.densities(*self._touched()) if touching is None else touching
-            total += self.elements.to_tip @ density
+            total += self.elements.to_tip @ (condition.rigidity * density)
         return total
 
     def in_sections(self, tensions: FloatArray) -> FloatArray:
@@ -399,7 +408,7 @@ class Problem:
             self.discs.add_tangent(self.tables, state.z, at_nodes.tensions, self.work)
         if self.others.loads:
             self.others.add_tangents(at_nodes.condition.factor, state.z, self.work)
-        self._add_contact()
+        self._add_contact(at_nodes.condition.rigidity)
         if damping:
             nodes, strains = state.z.shape
             blocks = self.work.jacobian.reshape(nodes, strains, nodes, strains)
@@ -410,10 +419,12 @@ class Problem:
             if derivatives is not None:
                 derivatives.add_to(self.work.jacobian)
 
-    def _add_contact(self) -> None:
-        """Add the stiffness of contact with obstacles to the Jacobian."""
-        if self.contact is not None and (tangents := self.contact.tangents(*self._touched())):
-            add_tangents(self.elements, self.work, self.strains, tangents)
+    def _add_contact(self, rigidity: float) -> None:
+        """Add the stiffness of contact, times the ``rigidity`` of obstacles, to the Jacobian."""
+        if self.contact is None:
+            return
+        if (tangents := self.contact.tangents(*self._touched())) is not None:
+            add_tangents(self.elements, self.work, self.strains, rigidity * tangents)
 
     def tension_derivatives(self, state: State) -> TensionDerivatives | None:
         """Return derivatives of local tensions; None without friction or if these are given."""

@@ -26,9 +26,9 @@ from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.stiffness import SectionStiffness
 from octo_arm_model.rod.contact import NodeMotion
 from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.equilibrium import NodeCondition, Problem, State
+from octo_arm_model.rod.equilibrium import Condition, NodeCondition, Problem, State
 from octo_arm_model.rod.forms import Form
-from octo_arm_model.rod.loads import LocalTangents, add_tangents, kinematics
+from octo_arm_model.rod.loads import add_tangents, kinematics, tangents_of_nodes
 from octo_arm_model.rod.rotations import dot, outer, skew
 from octo_arm_model.rod.section_arrays import cross
 from octo_arm_model.rod.tables import (
@@ -139,13 +139,13 @@ class MovingProblem(Problem):
             self.tables = self.tables._replace(base=base[3:])
             self._current = self._oriented = None
 
-    def _following_loads(self, factor: float, z: FloatArray) -> FloatArray:
+    def _following_loads(self, condition: Condition, z: FloatArray) -> FloatArray:
         """Return the loads that depend on the shape, and put the motion of nodes in `motion`."""
         work = self.work
         self.form.moving_loads(
             self.moving, self.rule, self.base[:3], work.slope, work.rotation, self.motion
         )
-        return super()._following_loads(factor, z) + self.motion.load
+        return super()._following_loads(condition, z) + self.motion.load
 
     def _add_gradients(self, at_nodes: NodeCondition, z: FloatArray) -> float:
         """Add the gradients of the sections and of viscosity; return the relative residual."""
@@ -170,12 +170,13 @@ class MovingProblem(Problem):
         if self.is_viscous:
             diagonal = np.einsum('ii->i', work.jacobian)
             diagonal += c1 * self.moving.viscous.ravel()
-        tangents = [self._tangents(c1, c0)]
+        tangents = tangents_of_nodes(self._tangents(c1, c0), self.elements.points)
         if self.contact is not None:
-            tangents += self.contact.tangents(*self._touched(), c1)
+            touching = self.contact.tangents(*self._touched(), c1)
+            tangents += 0.0 if touching is None else touching
         add_tangents(self.elements, work, z.shape[1], tangents)
 
-    def _add_contact(self) -> None:
+    def _add_contact(self, rigidity: float) -> None:
         """Add nothing, as `add_motion` adds contact together with the motion."""
 
     def _touched(self) -> tuple[FloatArray, NodeMotion | None]:
@@ -193,13 +194,13 @@ class MovingProblem(Problem):
         rates[:, 1:] = np.cross(spin, place[:, 3:].reshape(-1, 3, 3))
         return rates.reshape(place.shape)
 
-    def _tangents(self, c1: float, c0: float) -> LocalTangents:
-        """Return the derivatives of (1) and (2) by displacement and turn of a node."""
+    def _tangents(self, c1: float, c0: float) -> FloatArray:
+        """Return the derivatives of (1) and (2) by displacement and turn, (N, 2, 2, 3, 3)."""
         place, velocity, acceleration, _ = self.motion
         section = self.moving.section
         mass, _, _, _, added, across, along = section.T[..., np.newaxis, np.newaxis]
         one, nodes = np.eye(3), len(place)
-        by_turn, moment_by_place = np.zeros((2, nodes, 3, 3))
+        tangents = np.zeros((nodes, 2, 2, 3, 3))
         # Each of rho J d x d'' gives rho J (d d''^T - d . d'' + c0 (1 - d d^T)).
         t, tt = place[:, TANGENT], outer(place[:, TANGENT], place[:, TANGENT])
         axes, spun = (x[:, 6:].reshape(-1, 2, 3) for x in (place, acceleration))
@@ -207,9 +208,9 @@ class MovingProblem(Problem):
         weighed = (rotary * axes).swapaxes(1, 2)
         trace = (rotary * (axes * spun - c0 * axes * axes)).sum(axis=(1, 2))
         moment_by_turn = weighed @ (c0 * axes - spun) + trace[:, np.newaxis, np.newaxis] * one
-        by_place = -c0 * mass * one
+        tangents[:, 0, 0], tangents[:, 1, 1] = -c0 * mass * one, moment_by_turn
         if not self.moving.in_water:
-            return LocalTangents(by_place, moment_by_turn=moment_by_turn)
+            return tangents
         (u, rate), dt = self.rule.water, velocity[:, TANGENT]
         w, a = velocity[:, POSITION] - u, acceleration[:, POSITION] - rate
         tw, size = dot(t, w)[..., np.newaxis], np.sqrt(dot(w, w))[..., np.newaxis]
@@ -224,13 +225,13 @@ class MovingProblem(Problem):
         )
         by_tangent -= size * along * (tw * one + outer(t, w))
         by_tangent += c1 * added * (tw * one + outer(t, w))
-        by_place += c0 * by_acceleration + c1 * by_velocity
+        tangents[:, 0, 0] += c0 * by_acceleration + c1 * by_velocity
         turns = -skew(t)
-        by_turn += by_tangent @ turns
+        tangents[:, 0, 1] = by_tangent @ turns
         across_flow = cross(t, w)
-        moment_by_place = -c1 * added * (outer(across_flow, t) + tw * skew(t))
-        moment_by_turn -= added * (outer(across_flow, w) - tw * skew(w)) @ turns
-        return LocalTangents(by_place, by_turn, moment_by_place, moment_by_turn)
+        tangents[:, 1, 0] = -c1 * added * (outer(across_flow, t) + tw * skew(t))
+        tangents[:, 1, 1] -= added * (outer(across_flow, w) - tw * skew(w)) @ turns
+        return tangents
 
 
 def node_motion(place: FloatArray, velocity: FloatArray) -> NodeMotion:

@@ -13,8 +13,6 @@ where int' is the integral to the tip.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -190,26 +188,17 @@ class OtherLoads:
 # By where the arm is -----------------------------------------------------------------------------
 
 
-class LocalTangents(NamedTuple):
-    """The derivatives of densities of force and moment at P points, (P, 3, 3) each.
+def tangents_of_nodes(parts: FloatArray, points: int) -> FloatArray:
+    """Return the tangents of `add_tangents` of densities that depend on their own node alone.
 
-    Attributes:
-        force_by_place: force by displacement [N/m^2]; the next ones are None if they are zero.
-        force_by_turn: force by rotation [N/m].
-        moment_by_place: moment by displacement [N/m].
-        moment_by_turn: moment by rotation [N].
-        between: matrix (P, N) from values at the nodes to those at P points; None where these are
-            the nodes.
-        back: matrix (N, P) from densities at the points to those at the nodes that do the same
-            work.
+    ``parts`` (N, 2, 2, 3, 3) are the derivatives of force and moment by displacement and rotation
+    of each node, in elements of so many ``points``.
     """
-
-    force_by_place: FloatArray
-    force_by_turn: FloatArray | None = None
-    moment_by_place: FloatArray | None = None
-    moment_by_turn: FloatArray | None = None
-    between: FloatArray | None = None
-    back: FloatArray | None = None
+    number, elements = np.arange(points), len(parts) // points
+    tangents = np.zeros((2, 2, elements, points, 3, points, 3))
+    by_element = parts.reshape(elements, points, 2, 2, 3, 3)
+    tangents[:, :, :, number, :, number] = by_element.transpose(1, 2, 3, 0, 4, 5)
+    return tangents.reshape(2, 2, elements, 3 * points, -1)
 
 
 def kinematics(from_base: FloatArray, work: Work, strains: int) -> tuple[FloatArray, FloatArray]:
@@ -243,23 +232,20 @@ def pose_rates(
     return rates
 
 
-def add_tangents(
-    elements: Elements, work: Work, strains: int, tangents: Sequence[LocalTangents]
-) -> None:
-    """Add the derivatives of loads with these ``tangents`` to the Jacobian in ``work``."""
+def add_tangents(elements: Elements, work: Work, strains: int, tangents: FloatArray) -> None:
+    """Add the derivatives of loads to the Jacobian in ``work``.
+
+    ``tangents`` (2, 2, E, 3 p, 3 p) are the derivatives of the densities of force [N/m] and moment
+    [N] at the p nodes of each element by the displacements [m] and rotations of these nodes.
+    """
     turn, slope = kinematics(elements.from_base, work, strains)
     move = along(elements.from_base, slope)
-    force, moment = np.zeros_like(move), np.zeros_like(move)
-    for term in tangents:
-        moved, turned = move, turn
-        if term.between is not None:
-            moved = along(term.between, move)
-            if term.force_by_turn is not None or term.moment_by_turn is not None:
-                turned = along(term.between, turn)
-        force += _density(term.force_by_place, term.force_by_turn, moved, turned, term.back)
-        if term.moment_by_place is not None or term.moment_by_turn is not None:
-            parts = term.moment_by_place, term.moment_by_turn
-            moment += _density(*parts, moved, turned, term.back)
+    pose = [part.reshape(*tangents.shape[2:4], -1) for part in (move, turn)]
+    force, moment = densities = np.zeros((2, *move.shape))
+    for density, of_density in zip(densities, tangents):
+        for part, by_part in zip(pose, of_density):
+            if by_part.any():
+                density += (by_part @ part).reshape(density.shape)
     force = along(elements.to_tip, force)
     moment = along(elements.to_tip, moment + skew(work.slope) @ force)
     rows = in_sections(work.rotation, force, moment, strains)
@@ -272,19 +258,6 @@ def in_sections(
     """Return ``force`` and ``moment`` (N, 3, k) in the axes of sections, (N, m, k)."""
     inverse = rotation.swapaxes(1, 2)
     return np.concatenate([inverse @ moment, inverse[:, : strains - 3] @ force], axis=1)
-
-
-def _density(
-    by_place: FloatArray | None,
-    by_turn: FloatArray | None,
-    moved: FloatArray,
-    turned: FloatArray,
-    back: FloatArray | None,
-) -> FloatArray:
-    """Return the change of a density at the nodes, (N, 3, n)."""
-    parts = [by @ to for by, to in ((by_place, moved), (by_turn, turned)) if by is not None]
-    total = parts[0] if len(parts) == 1 else parts[0] + parts[1]
-    return total if back is None else along(back, total)
 
 
 def along(matrix: FloatArray, values: FloatArray) -> FloatArray:

@@ -12,9 +12,12 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_NODES, Budget, Spending
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import NEO_HOOKEAN
+from octo_arm_model.arm.obstacles import Plane
+from octo_arm_model.arm.stiffness import bending_force
 from octo_arm_model.rod import arrays
 from octo_arm_model.rod.backbone import FinePoints, Readout
 from octo_arm_model.rod.checks import LoadLimits, check_solution, explain, explain_discs
+from octo_arm_model.rod.contact import surface_radius
 from octo_arm_model.rod.continuation import (
     MOST_CORRECTED,
     ON_THE_WAY,
@@ -33,9 +36,13 @@ from octo_arm_model.rod.section_arrays import initial_twists
 from octo_arm_model.rod.tables import added_points, least_bending, tabulate
 from octo_arm_model.rod.tendons import unloaded_twists
 
-WORST = 1e-6  # error of positions, over the length, beyond which no shape is returned
-# Errors of depths in obstacles over the length, allowed and largest, and of tensions, largest.
-_DEPTH, _WORST_DEPTH, _WORST_TENSION = 1e-5, 1e-4, 1e-2
+# Errors of positions over the length beyond which no shape is returned, of an arm that touches
+# obstacles and of others. The former bounds the edges of contacts, which are between the nodes.
+TOUCHING, WORST = 1e-5, 1e-6
+# Largest errors of depths in obstacles over the length, and of tensions.
+_WORST_DEPTH, _WORST_TENSION = 1e-4, 1e-2
+_SOFT_DEPTH = 1e-3  # depth in soft planes over the deflection of the arm
+_STIFFENING = 0.3  # first step from soft planes to stiff ones
 _REDUCED = 0.1  # part of the tensions that a search begins with, if friction or discs need it
 # Added part of the stiffness of sections, which leaves out motions to which an arm is neutral, as
 # of an upright one that has buckled and may turn about the vertical: their errors are rounding.
@@ -326,8 +333,10 @@ class Rod:
 
     def is_near(self, problem: Problem, firm: State, state: State) -> bool:
         """Whether ``state`` is so near the ``firm`` one, stable by a margin, that it is stable."""
-        if problem.contact is not None or not problem.has_energy(state.condition):
+        if any(each.at_nodes.is_touching for each in (firm, state)):
             return False  # A contact that opens no longer holds the arm.
+        if not problem.has_energy(state.condition):
+            return False
         by_force, by_pull, by_square = self._flexibility
         if float(state.at_nodes.tensions.max(axis=0) ** 2 @ by_square) > _SOFT:
             return False
@@ -346,7 +355,7 @@ class Rod:
             problem, level = self.problem(start.level), start.level
             initial, z = start.state.condition, start.state.z
             target = self.at_level(target, level)
-            verdict = follow(problem, initial, z, target, spending, step=_RESTART_STEP)
+            verdict = self._follow(problem, initial, z, target, spending, _RESTART_STEP)
         else:
             level = self.first_level(target.before)
             verdict = self._from_unloaded(target, level, spending)
@@ -413,7 +422,49 @@ class Rod:
                 raise  # The budget is spent.
             except ConvergenceError:
                 pass  # The coarse problem may have too few nodes.
-        return follow(fine, initial, z, target, spending, _FIRST_STEP)
+        return self._follow(fine, initial, z, target, spending, _FIRST_STEP)
+
+    def _follow(
+        self,
+        problem: Problem,
+        initial: Condition,
+        z: FloatArray,
+        target: Condition,
+        spending: Spending,
+        step: float,
+    ) -> Verdict:
+        """Follow the arm as `continuation.follow` does, with soft planes while loads change.
+
+        A contact with a stiff plane begins and ends within a small change of the loads, which
+        would be a step each.
+        """
+        if self._softness < 1.0:
+            soft = initial._replace(rigidity=self._softness)
+            soft_target = target._replace(rigidity=self._softness)
+            try:
+                z_soft = follow(problem, initial, z, soft, spending).state.z
+                z_soft = follow(problem, soft, z_soft, soft_target, spending, step).state.z
+                return follow(problem, soft_target, z_soft, target, spending, _STIFFENING)
+            except ContinuationError:
+                raise  # The budget is spent.
+            except ConvergenceError:
+                pass  # The arm may have sunk in too far.
+        return follow(problem, initial, z, target, spending, step)
+
+    @functools.cached_property
+    def _softness(self) -> float:
+        """The factor on the stiffness of planes that makes them soft; 1 if there are others.
+
+        An arm that rests on a soft plane all along sinks in by a part `_SOFT_DEPTH` of the
+        deflection of its tip by the same force. It may slip past a soft post or ball.
+        """
+        obstacles, length = self._loads.obstacles, self.arm.length
+        if not (obstacles and all(isinstance(each, Plane) for each in obstacles)):
+            return 1.0
+        stiffness = max(plane.stiffness for plane in obstacles)
+        deflection = length / bending_force(self.arm, 1.0)  # [m/N]
+        width = 2.0 * float(surface_radius(self.arm, self.problem(0).elements.s).mean())
+        return min(1.0, 1.0 / (_SOFT_DEPTH * deflection * width * length * stiffness))
 
     def _resolved(
         self, equilibrium: Equilibrium, target: Condition, spending: Spending
@@ -439,8 +490,8 @@ class Rod:
         allowed, error = self.setting.accuracy, problem.position_error(state.z)
         depth_error = _depth_error(problem, is_last)
         if is_last or depth_error:
-            allowed = max(allowed, WORST)
-        if not (is_last or depth_error <= _DEPTH):
+            allowed = max(allowed, TOUCHING if depth_error else WORST)
+        if not (is_last or depth_error <= _WORST_DEPTH):
             return False
         if error <= allowed:
             error = max(error, finer.error_between(finer.balance(state)[1]))

@@ -29,6 +29,7 @@ from octo_arm_model import (
     Solver,
     Sphere,
 )
+from octo_arm_model.arm.limits import Budget
 from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.rod.contact import Contact, NodeMotion
 from octo_arm_model.rod.elements import build_elements
@@ -239,6 +240,19 @@ def test_invalid_obstacles_are_refused():
 # Motion ------------------------------------------------------------------------------------------
 
 
+def test_soft_arm_that_tensions_press_against_a_wall_is_found(table4):
+    # Hundreds of contacts begin and end one by one, if the wall is stiff while loads grow.
+    wall = Plane((0.3, 0.0, 0.0), (-1.0, 0.0, 0.3), stiffness=1e6)
+    loads = Loads(gravity=GRAVITY, fluid_density=1000.0, obstacles=(wall,))
+    arm, random = table4.arm.with_density(1080.0), np.random.default_rng(11)
+    solver = Solver(arm, 'exact', 51, loads=loads, budget=Budget(iterations=500))
+    for _ in range(2):
+        pulls = random.random((3, 4)) * [[0.15], [0.8], [2.0]] * random.integers(0, 2, (3, 4))
+        shape = solver.solve(pulls)
+        assert solver.contacts(shape).force[0, 0] < -0.002
+        assert solver.solve(pulls, start=shape).iterations <= 1
+
+
 def test_derivatives_of_contact_friction_equal_finite_differences():
     rough = tuple(dataclasses.replace(one, friction=0.4, creep_speed=0.1) for one in AROUND)
     elements = build_elements(ROD)
@@ -258,14 +272,12 @@ def test_derivatives_of_contact_friction_equal_finite_differences():
         return straight + move, motion
 
     expected = jacobian(lambda factor: contact.densities(*at(factor)), np.zeros(1), 1e-5)[..., 0]
-    analytic = np.zeros((2, s.size, 3))
-    for one in contact.tangents(*at(np.zeros(1)), by_velocity):
-        shift = (one.between @ displacement)[..., np.newaxis]
-        force = (np.asarray(one.force_by_place) @ shift)[..., 0]
-        force += np.asarray(one.force_by_turn) @ rotation
-        moment = (np.asarray(one.moment_by_place) @ shift)[..., 0]
-        moment += np.asarray(one.moment_by_turn) @ rotation
-        analytic += np.stack([one.back @ force, one.back @ moment])
+    tangents = contact.tangents(*at(np.zeros(1)), by_velocity)
+    assert tangents is not None
+    # Densities by poses (2, E, 3 p) of the nodes of each element.
+    pose = np.stack([displacement, np.tile(rotation, (s.size, 1))])
+    pose = pose.reshape(2, elements.lengths.size, -1, 1)
+    analytic = (tangents @ pose).sum(axis=1).reshape(2, s.size, 3)
     for actual, other in zip(analytic, expected):
         assert actual == pytest.approx(other, rel=1e-6, abs=1e-7 * np.abs(other).max())
 
