@@ -161,9 +161,13 @@ class Client(Participant):
         return self.writer.poses(backbone, second, 7)
 
     def ask_until_answered(self) -> None:
-        """Publish tensions until there is an answer."""
-        rest = np.zeros(CONFIG.arm.tension_shape)
-        self.wait(lambda: self.answers, 'a first answer', lambda: self.publish_valid(rest))
+        """Publish tensions until one of them is answered: earlier answers may still be queued."""
+        rest, asked = np.zeros(CONFIG.arm.tension_shape), set[bytes]()
+        self.wait(
+            lambda: asked & self.answers.keys(),
+            'a first answer',
+            lambda: asked.add(self.publish_valid(rest)),
+        )
 
     def connect(self) -> None:
         """Wait until the node answers, and start to count messages."""
