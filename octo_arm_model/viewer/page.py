@@ -341,7 +341,9 @@ class Viewer:
 
     def step(self) -> None:
         """Handle actions of the page until the next picture is due; then draw it."""
-        while (wait := self._due - time.monotonic()) > 0.0:
+        late = self._actions.qsize()  # these are handled even if every picture is late
+        while (wait := max(0.0, self._due - time.monotonic())) or late > 0:
+            late -= 1
             try:
                 action = self._actions.get(timeout=wait)
             except queue.Empty:

@@ -1,5 +1,6 @@
 """Commanded tensions over time, targets, and the controls of an arm that moves, over real DDS."""
 
+import asyncio
 import contextlib
 import dataclasses
 import shlex
@@ -32,6 +33,7 @@ from octo_arm_model.simulation.profiles import CommandProfile
 from octo_arm_model.viewer.commander import Commander, as_shell_line, as_yaml
 from octo_arm_model.viewer.controls import MotionControls
 from octo_arm_model.viewer.page import Page as ArmPage
+from octo_arm_model.viewer.page import Viewer
 from octo_arm_model.viewer.scene import Cameras
 from octo_arm_model.wire.tensions import TENDON_TENSIONS
 
@@ -322,6 +324,25 @@ def test_commands_go_on_from_the_newest_command_of_any_node(server):
 
         client.wait(measured, 'slack tendons')
         pull(pages[0], 1, 0.3, [0.0, 0.3, 0.0, 0.0])
+
+
+def test_a_viewer_that_is_too_slow_for_its_pictures_obeys(server, monkeypatch):
+    for period in ('FRAME', '_IDLE'):
+        monkeypatch.setattr(f'octo_arm_model.viewer.page.{period}', 0.0)
+    with contextlib.closing(RosClient(new_domain())) as client:
+        heard = client.hear(TendonTensions, 'tendon_commands')
+        arm = ArmClient(rclpy.create_node('viewer', context=client.context))
+        viewer = Viewer(server, arm)
+        client.teller(String, 'arm_description', LATCHED_QOS)(data=FILE.read_text())
+        client.wait(lambda: viewer._page, 'a page', viewer.step)
+        client.wait(lambda: client.node.count_publishers('/tendon_commands'), 'a publisher')
+        slider = viewer._page._controls._sliders[1]
+        slider._impl.value = 0.5
+        event = SimpleNamespace(target=slider, client_id=1)
+        for callback in slider._impl.update_cb:
+            asyncio.run(callback(event))
+        client.wait(lambda: heard, 'a command', viewer.step)
+        assert heard[-1].tension.tolist() == [0.0, 0.5, 0.0, 0.0]
 
 
 def test_a_command_of_another_node_ends_a_profile_but_no_transition():
