@@ -141,17 +141,17 @@ class Estimator:
         if not isinstance(stamp_ns, (int, np.integer)) or isinstance(stamp_ns, bool):
             raise MeasurementError(f'stamp_ns is {shown(stamp_ns)}, expected an integer [ns]')
         check_class('measurements', measurements, Sequence)
+        origin = stamp_ns if self.origin_ns is None else self.origin_ns
+        time, is_new = 1e-9 * (stamp_ns - origin), False
+        same = [old for past in self._moments if past.time == time for old in past.measurements]
+        new = tuple[Measurement, ...]()
         for measurement in measurements:
             check_class('a measurement', measurement, Measurement)
-        origin = stamp_ns if self.origin_ns is None else self.origin_ns
+            if not any(map(measurement.is_same, (*same, *new))):
+                new += (measurement,)
         count = len(self._models)
         share = max(2, EVALUATIONS // count), max(10, ITERATIONS // count)
         work = [Work(*share) for _ in range(count)]
-        time, is_new = 1e-9 * (stamp_ns - origin), False
-        known = [
-            old for moment in self._moments if moment.time == time for old in moment.measurements
-        ]
-        new = tuple(one for one in measurements if not any(map(one.is_same, known)))
         try:
             moments, index, replaced = self._with_measurements(self._moments, time, new, work)
         except SolveError:

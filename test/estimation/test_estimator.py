@@ -124,8 +124,8 @@ def test_a_measurement_that_is_delivered_twice_counts_once():
         stamp = ORIGIN + step * SECOND // 10
         for measurement in [*sensors()[:2], pose]:
             expected = once.add(stamp, [measurement]).estimate
-            for _ in range(3):
-                output = often.add(stamp, [pickle.loads(pickle.dumps(measurement))])
+            for _ in range(2):
+                output = often.add(stamp, pickle.loads(pickle.dumps([measurement])) * 2)
         assert not output.innovations
     np.testing.assert_allclose(output.estimate.mean, expected.mean, rtol=1e-9)
     np.testing.assert_allclose(output.estimate.root, expected.root, rtol=1e-9)
