@@ -90,7 +90,8 @@ class Bench:
 
     def run(self, case: Case) -> Row:
         """Run the estimator through a ``case``."""
-        estimator = Estimator.from_settings(self.settings, self.models, self.settings.given.window)
+        given = self.settings.given
+        estimator = Estimator(self.models, self.settings.rules, given.window, given.change_time)
         record = _Record(case, self.faulty_sensors(case))
         for step, (shape, measurements) in enumerate(self.measurements(case)):
             t = step / case.rate

@@ -22,7 +22,6 @@ from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.estimation.model import ArmModel
 from octo_arm_model.estimation.posterior import Work
 from octo_arm_model.estimation.rules import Consistency, Innovation, Rules, count_innovations
-from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.step import EVALUATIONS, ITERATIONS, next_estimate
 
 MAX_MOMENTS = 1000  # largest number of moments that are stored for late measurements
@@ -120,13 +119,6 @@ class Estimator:
         self.suspects: tuple[str, ...] = ()
         self.late = self.failed = self.restarts = 0
         self.origin_ns: int | None = None
-
-    @classmethod
-    def from_settings(
-        cls, settings: EstimatorSettings, models: Mapping[str, ArmModel], window: float
-    ) -> Estimator:
-        """Return the estimator by ``settings`` for measurements up to ``window`` [s] late."""
-        return cls(models, settings.rules, window, settings.given.change_time)
 
     def add(self, stamp_ns: int, measurements: Sequence[Measurement]) -> EstimatorOutput:
         """Process ``measurements`` of the time ``stamp_ns`` [ns], and return the newest estimate.

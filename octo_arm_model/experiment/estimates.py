@@ -33,7 +33,9 @@ def _filtered(
 
     Measurements of a time without an estimate are left out and counted in ``failures``.
     """
-    estimator = Estimator.from_settings(recorded.settings, recorded.models, 0.0)
+    settings = recorded.settings
+    change_time = settings.given.change_time
+    estimator = Estimator(recorded.models, settings.rules, change_time=change_time)
     for number, group in enumerate(recorded.groups):
         progress(number, len(recorded.groups))
         try:

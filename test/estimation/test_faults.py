@@ -74,7 +74,8 @@ def test_place_of_a_force_is_found_despite_a_faulty_sensor():
     settings = EstimatorSettings.from_parameters(
         {f'estimator.{name}': value for name, value in values.items()}, bench.config
     )
-    estimator, correct = Estimator.from_settings(settings, settings.models(bench.config), 0.2), 0
+    models, change_time = settings.models(bench.config), settings.given.change_time
+    estimator, correct = Estimator(models, settings.rules, 0.2, change_time), 0
     case = Case('renda2012_prototype', 'tip 5 mm off', 0, 'tip', 10.0)
     for number, (_, measurements) in enumerate(bench.measurements(case)):
         for measurement in measurements:

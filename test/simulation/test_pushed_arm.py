@@ -235,7 +235,7 @@ class Tracked:
         self.config = Config.from_parameters(values | water | of_estimator)
         settings = EstimatorSettings.from_parameters(own, self.config)
         models = settings.models(self.config)
-        self.estimator = Estimator.from_settings(settings, models, settings.given.window)
+        self.estimator = Estimator(models, settings.rules, settings.given.window)
         self.noise, self.random = settings.tension_stddev, np.random.default_rng(3)
         self.arm, self.push = self.simulated.pushed_arm, self.simulated.push
         self.tendons = len(self.config.arm.tendons)

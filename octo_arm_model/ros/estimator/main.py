@@ -90,7 +90,8 @@ class PreparedEstimator(Prepared):
 
     def estimator(self) -> Estimator:
         """Return an estimator of the arm in the state of the prior."""
-        return Estimator.from_settings(self.settings, self.models, self.settings.given.window)
+        given = self.settings.given
+        return Estimator(self.models, self.settings.rules, given.window, given.change_time)
 
 
 _BACK = 1.0  # [s] beyond the window; stamps that run back further reset the estimate
