@@ -23,7 +23,7 @@ MOST = {
     'octo_arm_model/bags': 2_570,
     'octo_arm_model/cli': 3_060,
     'octo_arm_model/config': 1_720,
-    'octo_arm_model/estimation': 3_610,
+    'octo_arm_model/estimation': 3_600,
     'octo_arm_model/experiment': 6_220,
     'octo_arm_model/reproduce': 1_040,
     'octo_arm_model/rod': 11_350,
