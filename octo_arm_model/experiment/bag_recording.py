@@ -184,6 +184,7 @@ class BagRecording:
 
     Attributes:
         reader: the bag.
+        prefix: namespace of the arm, if a topic of it was named, or None.
         cells: topic of the tensions, or None.
         encoders: topic of the encoder readings, or None.
         count: counter of the messages that are read.
@@ -204,7 +205,7 @@ class BagRecording:
             BagError: if there are neither tensions nor displacements, or a topic is missing.
         """
         self.reader, self.count, self.notes = reader, count, notes_on(reader)
-        self._prefix = prefix = arm_of(reader, tensions or displacements)
+        self.prefix = prefix = arm_of(reader, tensions or displacements)
         self.cells: Source | None = None
         has_file = files.displacements is not None
         self.encoders = None if has_file else pick_displacements(reader, displacements, prefix)
@@ -220,12 +221,6 @@ class BagRecording:
         """Return the parameters of the arm; ConfigError if the bag has no description of it."""
         topic, *_ = self.cells or self.encoders or ('/',)
         return describe(self.reader, namespace(topic, (*TENSION_TOPICS, DISPLACEMENTS)))
-
-    def measured(
-        self, measured: MarkerSources, points: MeasuredPoints, base_frame: str
-    ) -> MeasuredTopics:
-        """Return a reader of the measured points, whose sources ``measured`` describes."""
-        return MeasuredTopics(self.reader, measured, points, base_frame, self.count, self._prefix)
 
     def readings(
         self, source: Source | None, config: Config, refusals: Refusals

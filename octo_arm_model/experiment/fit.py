@@ -139,12 +139,12 @@ class Problem:
         """
         return self._at(x).backbones
 
-    def residuals(self, x: FloatArray) -> list[FloatArray]:
-        """Return the measured points of each step minus the model's at ``x``, (m, 3) [m]."""
-        return self._camera(x, self._at(x))
+    def residuals(self, x: FloatArray, solved: SolvedSteps | None = None) -> list[FloatArray]:
+        """Return the measured points of each step minus the model's at ``x``, (m, 3) [m].
 
-    def _camera(self, x: FloatArray, solved: SolvedSteps) -> list[FloatArray]:
-        alignment = self.unknowns.alignment(x)
+        The model's are those of ``solved``, if given, instead of the steps at ``x``.
+        """
+        alignment, solved = self.unknowns.alignment(x), solved or self._at(x)
         return [
             shape_residuals(shape, alignment.to_base(shape.points), backbone, curve)
             for shape, backbone, curve in zip(
@@ -152,16 +152,14 @@ class Problem:
             )
         ]
 
-    def weighed(self, x: FloatArray) -> list[FloatArray]:
+    def weighed(self, x: FloatArray, solved: SolvedSteps | None = None) -> list[FloatArray]:
         """Return all residuals of each step as points, (taut + m, 3) [m].
 
         The residuals of encoders, with one coordinate each, come before the `residuals` of the
         camera, and are weighted so that both have the same scale.
         """
-        return self._weighed(x, self._at(x))
-
-    def _weighed(self, x: FloatArray, solved: SolvedSteps) -> list[FloatArray]:
-        camera = self._camera(x, solved)
+        solved = solved or self._at(x)
+        camera = self.residuals(x, solved)
         if not self.unknowns.reads_encoders:
             return camera
         read = self._encoders(x, solved)
@@ -200,7 +198,7 @@ class Problem:
                     )
                 except _NO_ANSWER:
                     continue
-                sides.append((moved[number], np.concatenate(self._weighed(moved, steps))))
+                sides.append((moved[number], np.concatenate(self.weighed(moved, steps))))
             if len(sides) == 1:
                 raise SolveError(f'no answer beside {unknown.name} of {unknown.value(at[number])}')
             (low, before), (high, after) = sides[-2:]
@@ -223,7 +221,7 @@ class Problem:
         inputs, before = self.unknowns.inputs(x), self.residuals(x)
         columns = []
         for tendon in np.eye(inputs.shape[1])[np.nan_to_num(inputs).any(axis=0)]:
-            after = self._camera(x, self._under(x, inputs * (1.0 + _STEP * tendon)))
+            after = self.residuals(x, self._under(x, inputs * (1.0 + _STEP * tendon)))
             columns.append([(new - old) / _STEP for old, new in zip(before, after, strict=True)])
         return [np.stack(changes, axis=-1) for changes in zip(*columns, strict=True)]
 

@@ -24,7 +24,7 @@ from octo_arm_model.experiment.identification import (
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.steady_windows import UNLOADING
 from octo_arm_model.experiment.uncertainty import OpenDirection, misfit_of, noise_of
-from octo_arm_model.experiment.unknowns import ALIGNMENT, AXIAL, Readings, Unknowns
+from octo_arm_model.experiment.unknowns import ALIGNMENT, AXIAL, Readings, Scale, Unknowns
 
 # Noise does not explain a misfit above this multiple of the noise.
 _BIASED = 2.0
@@ -94,33 +94,44 @@ def identify(
     def without(names: Collection[str]) -> Problem:
         return Problem(shapes, Unknowns(parameters, model, fits, readings, start, names))
 
-    def fit_all(problem: Problem) -> list[_Fit] | OpenDirection:
+    nothing = unfitted(without(()), loss, parameters, start)
+
+    def fit_all(problem: Problem) -> Identification | OpenDirection:
         tried = []
         for number, name in enumerate(losses):
             progress(number, len(losses))
             tried.append(_Fit(name, *problem.solve(name)))
         open_directions = (uncertainty.open_direction(problem, fit.x) for fit in tried)
-        return next(filter(None, open_directions), tried)
+        if found := next(filter(None, open_directions), None):
+            return found
+        result = _with_intervals(nothing, problem, tried)
+        return _vague(result, problem.unknowns) or result
 
-    nothing, left_out = unfitted(without(()), loss, parameters, start), dict[str, str]()
-    while True:
-        found = uncertainty.determined(without, fit_all, left_out)
-        result = dataclasses.replace(nothing, undetermined=tuple(left_out.values()))
-        progress(len(losses), len(losses))
-        if found is None:
-            return result
-        result = _with_intervals(result, *found)
-        stretch = result.estimates.get(AXIAL)
-        if stretch is None or stretch.value is None:
-            return result
-        low, high = stretch.interval95 or (stretch.value, stretch.value)
-        if high < math.inf:
-            return result
-        least = '' if low == math.inf else f'; all from {low:.3g} N on explain them'
-        left_out[AXIAL] = (
-            f'{AXIAL} is left as it is: what the readings leave uncertain is more than what '
-            f'tendons stretch by{least}'
-        )
+    result, left_out = uncertainty.determined(without, fit_all)
+    progress(len(losses), len(losses))
+    return dataclasses.replace(result or nothing, undetermined=left_out)
+
+
+def _vague(result: Identification, unknowns: Unknowns) -> OpenDirection | None:
+    """Return the last of the ``unknowns`` whose size is not known by the ``result``, or None."""
+    for one in reversed(unknowns.unknowns):
+        estimate = result.estimates[one.name]
+        assert estimate.value is not None
+        low, high = estimate.interval95 or (estimate.value, estimate.value)
+        if one.name == AXIAL and high == math.inf:
+            least = '' if low == math.inf else f'; all from {low:.3g} N on explain them'
+            reason = (
+                f'what the readings leave uncertain is more than what tendons stretch by{least}'
+            )
+            return OpenDirection(one.name, reason)
+        deviation = estimate.stddev or 0.0
+        if one.kind is Scale.LOGARITHM and deviation > estimate.value:
+            reason = (
+                f'its standard deviation, {deviation:.2g} {one.unit}, is larger than itself; all '
+                f'from {low:.2g} to {high:.2g} explain what was measured'
+            )
+            return OpenDirection(one.name, reason)
+    return None
 
 
 def _with_intervals(

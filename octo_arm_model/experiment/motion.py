@@ -133,7 +133,7 @@ def identify_motion(
         progress(len(left_out), len(unknowns.unknowns) + len(left_out))
         return MotionProblem(shapes, unknowns, trajectory)
 
-    problem, left_out = without(()), dict[str, str]()
+    problem = without(())
     least = _SWINGS * problem.length
     start = problem.unknowns.start
     still = followed(problem.unknowns.solver(start), readings.tensions)
@@ -149,9 +149,9 @@ def identify_motion(
     number = min(_STRETCHES, len(shapes) // _FEWEST)
     frames = np.arange(len(shapes))
     folds = [part.tolist() for part in np.array_split(frames, number)] if number else []
-    found = uncertainty.determined(without, lambda problem: _fit(problem, loss, folds), left_out)
+    found, left_out = uncertainty.determined(without, lambda one: _fit(one, loss, folds))
     if found is not None:
-        fitted, (x, held_back) = found
+        fitted, x, held_back = found
         away = fitted.residuals(x)
         estimates = uncertainty.estimates_of(fitted, x, held_back, folds)
         correlations = uncertainty.correlations_of(fitted, x)
@@ -172,13 +172,13 @@ def identify_motion(
             after=uncertainty.misfit_of(away, fitted.length),
         )
     progress(len(result.estimates), len(result.estimates))
-    return replace(result, undetermined=tuple(left_out.values()))
+    return replace(result, undetermined=left_out)
 
 
 def _fit(
     problem: MotionProblem, loss: str, folds: Sequence[Sequence[int]]
-) -> tuple[FloatArray, FloatArray] | uncertainty.OpenDirection:
-    """Return the fit (n,), and to first order those without each of ``folds`` (folds, n).
+) -> tuple[MotionProblem, FloatArray, FloatArray] | uncertainty.OpenDirection:
+    """Return the problem, its fit (n,), and those without each of ``folds`` (folds, n).
 
     Or return the unknown to leave out, if the motion hardly determines it.
     """
@@ -189,7 +189,7 @@ def _fit(
     deviation = np.sqrt(((without - x) ** 2).sum(axis=0))  # of the jackknife, but for (n - 1) / n
     worst = int((deviation / scales).argmax())
     if deviation[worst] <= scales[worst]:
-        return x, without
+        return problem, x, without
     one = unknowns[worst]
     to = one.stddev(float(x[worst]), float(deviation[worst]))
     return uncertainty.OpenDirection(one.name, f'the motion tells it only to {to:.2g} {one.unit}')

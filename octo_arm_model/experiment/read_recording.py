@@ -132,7 +132,10 @@ def _gather(
     # Topics are chosen before anything is read, because those of measured points may be missing.
     topics = None
     if bag is not None and files.midlines is None:
-        topics = bag.measured(measured, points, config.base_frame)
+        from octo_arm_model.experiment.bag_recording import MeasuredTopics
+
+        chosen = measured, points, config.base_frame
+        topics = MeasuredTopics(bag.reader, *chosen, bag.count, bag.prefix)
     tables: dict[str, CsvTable] = {}
     tensions = encoders = None
     if files.tensions is not None:

@@ -13,7 +13,7 @@ intervals. Loads are assumed to be independent.
 left out, a change of material or tensions at this load alone explains a part of the residuals. The
 rest, without the noise of the camera, is an error of the model. An error of the same size may also
 lie in the directions of the parameters, the same at all loads: it shifts the estimates, and no
-measurement at these loads shows it. `_floor_of` bounds this shift, which is added in quadrature.
+measurement at these loads shows it. `estimates_of` adds a bound of this shift in quadrature.
 
 **Correlations** are those of the parameters in the sum of squares itself; repeating the experiment
 does not lower them.
@@ -135,20 +135,6 @@ def model_error(
     return float(np.sqrt(max(float(np.mean(squares)) - noise_of(problem.shapes) ** 2, 0.0)))
 
 
-def _floor_of(problem: Problem, x: FloatArray, size: float) -> FloatArray:
-    """Return the shift of each of ``x``, (n,), by a model error of root mean square ``size`` [m].
-
-    The error is in the residuals of the camera, the last ones of each step.
-    """
-    jacobian = problem.jacobian(x)
-    parts = zip(jacobian, problem.shapes, strict=True)
-    seen = [np.arange(len(part)) >= len(part) - len(shape.points) for part, shape in parts]
-    is_seen = np.repeat(np.concatenate(seen), 3)
-    inverse = np.linalg.pinv(np.concatenate(jacobian).reshape(-1, x.size))
-    along = np.linalg.norm(inverse[:, is_seen], axis=1)
-    return np.asarray(size * np.sqrt(is_seen.sum() / 3) * along)
-
-
 def estimates_of(
     problem: Problem,
     x: FloatArray,
@@ -167,8 +153,15 @@ def estimates_of(
         pairs = zip(unknowns, x.tolist(), strict=True)
         return {one.name: Estimate(one.value(at), None, None, one.unit) for one, at in pairs}
     jackknife = np.sqrt((count - 1) / count * ((found - x) ** 2).sum(axis=0))
-    freedom = _freedom(problem.jacobian(x), folds)
-    at, floor = 0.5 + 0.5 * _CONFIDENCE, _floor_of(problem, x, size)
+    jacobian = problem.jacobian(x)
+    inverse = np.linalg.pinv(np.concatenate(jacobian).reshape(-1, x.size))
+    # The error of the model is in the residuals of the camera, the last ones of each step.
+    parts = zip(jacobian, problem.shapes, strict=True)
+    seen = [np.arange(len(part)) >= len(part) - len(shape.points) for part, shape in parts]
+    is_seen = np.repeat(np.concatenate(seen), 3)
+    floor = size * np.sqrt(is_seen.sum() / 3) * np.linalg.norm(inverse[:, is_seen], axis=1)
+    freedom = _freedom(np.split(inverse, 3 * np.cumsum(list(map(len, jacobian)))[:-1], 1), folds)
+    at = 0.5 + 0.5 * _CONFIDENCE
     reach = np.hypot(stdtrit(freedom, at) * jackknife, ndtri(at) * floor)
     columns = np.array([x, np.hypot(jackknife, floor), x - reach, x + reach, floor])
     estimates = {}
@@ -181,12 +174,12 @@ def estimates_of(
     return estimates
 
 
-def _freedom(jacobian: Sequence[FloatArray], folds: Sequence[Sequence[int]]) -> FloatArray:
-    """Return the degrees of freedom of the standard deviation of each of x, at least 1, (n,)."""
-    parts = [part.reshape(-1, part.shape[-1]) for part in jacobian]
-    inverse = np.linalg.pinv(np.concatenate(parts))
-    ends = np.cumsum([len(part) for part in parts])[:-1]
-    of_step = np.array([(part**2).sum(axis=1) for part in np.split(inverse, ends, axis=1)])
+def _freedom(inverses: Sequence[FloatArray], folds: Sequence[Sequence[int]]) -> FloatArray:
+    """Return the degrees of freedom of the standard deviation of each of x, at least 1, (n,).
+
+    ``inverses`` have the change of x by the residuals of each step, (n, 3 points).
+    """
+    of_step = np.array([(part**2).sum(axis=1) for part in inverses])
     # The share of each fold in the variance, for independent residuals of equal variance.
     share = np.array([of_step[list(fold)].sum(axis=0) for fold in folds])
     variation = share.var(axis=0) / share.mean(axis=0) ** 2
@@ -258,18 +251,17 @@ def _normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def determined(
-    problem_without: Callable[[Collection[str]], P],
-    fit: Callable[[P], T | OpenDirection],
-    left_out: dict[str, str],
-) -> tuple[P, T] | None:
-    """Return the problem of the determined unknowns and its ``fit``; None if there are none.
+    problem_without: Callable[[Collection[str]], P], fit: Callable[[P], T | OpenDirection]
+) -> tuple[T | None, tuple[str, ...]]:
+    """Return the ``fit`` of the problem of the determined unknowns, None if there are none.
 
-    Open unknowns are added to ``left_out``, with the reason. They are looked for at the start,
+    Return also why the others keep their values. Open unknowns are looked for at the start,
     because no minimisation converges with an undetermined direction, and by ``fit``.
     """
+    left_out: dict[str, str] = {}
     while (problem := problem_without(tuple(left_out))).unknowns.unknowns:
         found = open_direction(problem, problem.unknowns.start) or fit(problem)
         if not isinstance(found, OpenDirection):
-            return problem, found
+            return found, tuple(left_out.values())
         left_out[found.name] = f'{found.name} is left as it is: {found.reason}'
-    return None
+    return None, tuple(left_out.values())

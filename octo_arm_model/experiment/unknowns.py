@@ -348,7 +348,7 @@ class Unknowns:
             # E is fitted at constant nu, so that G changes with it.
             self._parameters['material.shear_modulus'] = 0.0
             self._parameters['material.poisson_ratio'] = float(material.poisson_ratio_at(0.0))
-        if SHEATH in fits:
+        if SHEATH in fits and SHEATH not in without:
             # All tendons share one stiffness, whose logarithm never reaches that of rigid sheaths.
             known = config.arm.sheath_stiffness or (_STIFF_SHEATH * material.shear_modulus,)
             self._parameters['tendons.sheath_stiffness'] = [float(np.mean(known))]
