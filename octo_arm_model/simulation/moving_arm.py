@@ -15,10 +15,10 @@ from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_PROFILE_ROWS
 from octo_arm_model.arm.obstacles import Obstacle
-from octo_arm_model.arm.validation import not_negative, positive
+from octo_arm_model.arm.validation import LARGEST, not_negative, positive, within
 from octo_arm_model.config.files import tension_columns
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.rod.motion import Dynamics
+from octo_arm_model.rod.motion import STEPS, Dynamics
 from octo_arm_model.rod.motion_state import Inputs, MotionState
 from octo_arm_model.simulation.profiles import CommandProfile
 
@@ -146,7 +146,8 @@ def simulate(
         SolveError: if no step succeeds; the message states the time.
     """
     period = 1.0 / positive('rate', rate, 'Hz')
-    steps = max(math.ceil(period / positive('step', step, 's') - 1e-9), 1)
+    longest = min(within('step', step, STEPS[0], LARGEST, 's'), STEPS[1])
+    steps = max(math.ceil(period / longest - 1e-9), 1)
     duration = profile.duration + not_negative('hold', hold, 'time', 's')
     moments = math.floor(duration * rate + 1e-9)
     if moments > MAX_PROFILE_ROWS:

@@ -93,7 +93,7 @@ def test_pictures_of_a_simulation(profile, tmp_path, cli):
     [
         (f'{SIMULATE} PROFILE --model renda2012', 'does not move: expected exact'),
         (f'{SIMULATE} PROFILE --rate 1e9', 'moments, expected at most'),
-        (f'{SIMULATE} PROFILE --step 0', 'step is 0'),
+        (f'{SIMULATE} PROFILE --step 1e-9', 'step is 1e-09, expected'),
         (f'{SIMULATE} PROFILE --hold 1e9', 'moments, expected at most'),
         (f'{SIMULATE} PROFILE --csv one --plot one', 'different files'),
         (f'{SIMULATE} PROFILE --rate 100 --hold 29.7 --animate one', '3001 frames, expected'),
