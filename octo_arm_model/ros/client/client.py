@@ -41,35 +41,12 @@ from octo_arm_model.wire.tensions import JOINT_STATE
 
 # With best effort, a slow reader never blocks the publisher.
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-_WINDOW = 2.0  # [s] over which rates are counted
+_WINDOW, _MOST_COUNTS = 2.0, 1000  # [s] over which rates are counted, and counts in it
 
 
 def _reader(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Subscription:
     """Return a subscription whose messages `take_all` takes; ``node`` need not be spun."""
     return node.create_subscription(kind, topic, lambda _: None, qos, raw=True)
-
-
-class Meter:
-    """Measures the rate of events over the last two seconds."""
-
-    def __init__(self) -> None:
-        """Start with no events."""
-        self._samples: collections.deque[tuple[float, int]] = collections.deque()
-
-    def count(self, now: float, number: int) -> None:
-        """Record the total ``number`` of events at ``now`` [s]; a smaller one means a restart."""
-        if self._samples and number < self._samples[-1][1]:
-            self._samples.clear()
-        self._samples.append((now, number))
-
-    def rate(self, now: float) -> float:
-        """Return the number of events per second [Hz] at ``now`` [s]."""
-        while self._samples and self._samples[0][0] < now - _WINDOW:
-            self._samples.popleft()
-        if len(self._samples) < 2:
-            return 0.0
-        (first, before), (last, after) = self._samples[0], self._samples[-1]
-        return (after - before) / max(last - first, 1e-3)
 
 
 _UNIT = 1e-3  # tolerance of the norm of a quaternion
@@ -192,7 +169,8 @@ class ArmClient:
         self._topics: dict[str, Subscription] = {}
         self._problems: dict[str, tuple[float, str]] = {}  # time of the news [s] and words
         # By a clock that does not jump; `received` and stamps are by the clock of the system.
-        self._meter, self._counted, self._heard = Meter(), 0, 0.0
+        self._counts: collections.deque[tuple[float, int]] = collections.deque(maxlen=_MOST_COUNTS)
+        self._counted, self._heard = 0, 0.0
         self._text = ''
         self.config: Config | None = None
         self.is_paused: bool | None = None
@@ -310,7 +288,9 @@ class ArmClient:
         self._counted += 1
         number = info.get('publication_sequence_number') or self._counted
         self._heard = time.monotonic()
-        self._meter.count(self._heard, number)
+        if self._counts and number < self._counts[-1][1]:
+            self._counts.clear()  # the node has restarted
+        self._counts.append((self._heard, number))
 
     @property
     def problem(self) -> str:
@@ -333,7 +313,14 @@ class ArmClient:
 
         It is NaN if several nodes publish, because a message does not tell whose count it has.
         """
-        return np.nan if self._publisher_count > 1 else self._meter.rate(time.monotonic())
+        if self._publisher_count > 1:
+            return np.nan
+        since = time.monotonic() - _WINDOW
+        recent = [count for count in self._counts if count[0] >= since]
+        if len(recent) < 2:
+            return 0.0
+        (first, before), (last, after) = recent[0], recent[-1]
+        return (after - before) / max(last - first, 1e-3)
 
     @property
     def latency(self) -> float:
