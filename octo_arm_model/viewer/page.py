@@ -67,18 +67,8 @@ class StrainPlots:
                         range={'min': {**end, 'soft': -_LEAST}, 'max': {**end, 'soft': _LEAST}}
                     ),
                 },
-                axes=(
-                    uplot.Axis(size=30),
-                    uplot.Axis(size=44),
-                    # This axis leaves space for the upper half of the topmost number.
-                    uplot.Axis(
-                        side=0,
-                        size=8,
-                        stroke='transparent',
-                        grid={'show': False},
-                        ticks={'show': False},
-                    ),
-                ),
+                axes=(uplot.Axis(size=30), uplot.Axis(size=44)),
+                padding=(8, 16, 0, 0),  # for halves of the last numbers at the axes
                 title=label,
                 legend=uplot.Legend(show=False),
                 height=112,
