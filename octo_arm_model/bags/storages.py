@@ -539,9 +539,7 @@ def open_file(path: Path, folder: Path) -> File:
     check_file(path)
     if path.suffix == '.zstd':
         path = _expand_file(path, folder)
-    if path.suffix not in STORAGES:
+    kinds: dict[str, Callable[[Path], File]] = {'.mcap': McapFile, '.db3': Sqlite3File}
+    if path.suffix not in kinds:
         raise ValueError(f'{path.name} is neither a .mcap nor a .db3 file')
-    return STORAGES[path.suffix](path)
-
-
-STORAGES: dict[str, Callable[[Path], File]] = {'.mcap': McapFile, '.db3': Sqlite3File}
+    return kinds[path.suffix](path)

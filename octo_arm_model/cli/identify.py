@@ -34,7 +34,6 @@ def as_dict(
     notes: Sequence[str],
 ) -> dict[str, Any]:
     """Return all results of the ``best`` model in SI units, and the main ones of the others."""
-    names = list(best.estimates)
     correlations: Mapping[str, Any] | None = None
     if best.correlations is not None:
         names = [name for name, value in best.estimates.items() if value.value is not None]
