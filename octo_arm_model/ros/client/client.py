@@ -143,7 +143,8 @@ class ArmClient:
         covariance: newest covariance of shape and contact, from an estimator; None until received.
         force: newest estimated force on the arm [N], (3,); None until received.
         is_paused: whether the diagnostics of a simulator report a pause; None until received.
-        has_no_command: whether they report that it has no command, or plays a profile instead.
+        has_no_command: whether what the last `poll` has taken says that a simulator has no
+            command, or plays a profile instead.
     """
 
     def __init__(self, node: Node, namespace: str = '') -> None:
@@ -212,6 +213,7 @@ class ArmClient:
             OctoArmError: if what is published as a description of the arm is not one.
         """
         before, told, oldest = self.shape, self._problems, time.monotonic() - _STALE
+        self.has_no_command = False
         self._problems = {name: told[name] for name in told if told[name][0] > oldest}
         for name, topic in (*self._always.items(), *self._topics.items()):
             for data, info in list(take_all(topic, topic.msg_type)):
