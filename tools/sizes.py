@@ -20,7 +20,7 @@ MOST = {
     'octo_arm_model/analysis': 1_590,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_460,
-    'octo_arm_model/bags': 2_580,
+    'octo_arm_model/bags': 2_570,
     'octo_arm_model/cli': 3_060,
     'octo_arm_model/config': 1_720,
     'octo_arm_model/estimation': 3_600,

@@ -1,5 +1,6 @@
 """The inputs of an estimator in a bag: topics of sensors, and measurements by stamp."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -171,24 +172,15 @@ def read_measured(
 ) -> list[list[StampedMeasurement]]:
     """Read all measurements, sorted by stamp; those with the same stamp form a list.
 
-    One that equals another of its stamp is left out, as by the live estimator.
-
     Raises:
         BagError: if the bag is damaged.
     """
-    groups: dict[int, list[StampedMeasurement]] = {}
-
-    def add(topic: str, stamp_ns: int, received_ns: int, measurement: Measurement) -> None:
-        group = groups.setdefault(stamp_ns, [])
-        if any(measurement.is_same(other.measurement) for other in group):
-            refusals.count(topic, 'it was delivered twice')
-        else:
-            group.append(StampedMeasurement(stamp_ns, received_ns, measurement))
-
-    for at, received, row in zip(*tensions):
-        measured = Tensions(row, arm.settings.tension_stddev)
-        add(sensors.all[0], int(at), int(received), measured)
+    stamped = [
+        StampedMeasurement(int(stamp), int(received), Tensions(row, arm.settings.tension_stddev))
+        for stamp, received, row in zip(*tensions)
+    ]
     message_types = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
+
     for record in reader.messages(list(message_types)):
         done(1)
         read = partial(message_types[record.topic].read, arm=arm, **sensors.options[record.topic])
@@ -196,5 +188,6 @@ def read_measured(
         if measurement is None:
             refusals.count(record.topic, reason)
         else:
-            add(record.topic, stamp.ns, record.received_ns, measurement)
-    return [groups[stamp] for stamp in sorted(groups)]
+            stamped.append(StampedMeasurement(stamp.ns, record.received_ns, measurement))
+    stamped.sort(key=lambda m: m.stamp_ns)
+    return [list(group) for _, group in itertools.groupby(stamped, key=lambda m: m.stamp_ns)]

@@ -219,13 +219,11 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
         markers(5),
         markers(20),
         encoders(30),
-        tensions(20, [0.3, 0, 0, 0]),
-        markers(20),
     ]
     sensors, rows, groups, refusals = read(tmp_path / 'bag', content)
     assert sensors.all == ['/tendon_tensions', '/tendon_displacements', '/measured/markers']
     assert sensors.prefix == '/'
-    assert sorted(rows.rows[:, 0]) == [-0.01, 0.1, 0.3, 0.3]
+    assert sorted(rows.rows[:, 0]) == [-0.01, 0.1, 0.3]
     found = [
         ((group[0].stamp_ns - START) // MILLISECOND, [one.measurement.name for one in group])
         for group in groups
@@ -237,8 +235,7 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
         (20, ['tensions', 'markers']),
         (30, ['tendon displacements']),
     ]
-    for topic in ('/tendon_tensions', '/measured/markers'):
-        assert refusals.of(topic) == {'it was delivered twice': 1}
+    assert not refusals.total
 
 
 def test_messages_that_measure_nothing_are_told(tmp_path):
