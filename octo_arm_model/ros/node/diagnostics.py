@@ -173,10 +173,6 @@ class Diagnostics(Report):
         elif self.clock.ahead(stamp, now) > self._limits.ahead_limit:
             self.count('ahead')
 
-    def skipped(self, number: int) -> None:
-        """Count messages dropped for a newer one."""
-        self.count('skipped', number)
-
     def answered(self, backbone: Backbone, duration: float) -> None:
         """Count a solved backbone and the ``duration`` of solving [s]."""
         self.count('answered')

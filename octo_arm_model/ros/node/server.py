@@ -112,7 +112,9 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._live = LiveParameters(node, table, prepare, self._use)
         self._prepared: ArmT | None = None
         self._publishers: PublishersT | None = None
-        self._inputs = Inputs(node, self._refuse, lambda older: self._diagnostics.skipped(older))
+        self._inputs = Inputs(
+            node, self._refuse, lambda older: self._diagnostics.count('skipped', older)
+        )
         self._frames = SensorFrames(node, self._inputs.look_again)
         self._diagnostics = Diagnostics(node, self._inputs)
         self._diagnostics.enter('unconfigured')
