@@ -163,7 +163,7 @@ class Page:
         self._queue(lambda: None if self._is_closed else action())
 
     def command(self) -> None:
-        """Publish the commanded tensions if they change, as other nodes or a search tell."""
+        """Go on from what other nodes command and a search finds; publish tensions that change."""
         now = time.monotonic()
         if heard := self._client.take_command():
             present = zip(self._config.arm.tendon_names, self.commander.tensions, strict=True)

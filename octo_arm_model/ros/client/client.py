@@ -28,13 +28,7 @@ from octo_arm_model.ros.node.inputs import INPUT_QOS
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator.publishers import NO_COMMAND, PAUSED, PROFILE
 from octo_arm_model.ros.topics import decoded, message_class, take_all
-from octo_arm_model.simulation.movements import (
-    COMMAND_TOPICS,
-    TOPIC,
-    check_command,
-    read_command,
-    tendon_limits,
-)
+from octo_arm_model.simulation.movements import COMMAND_TOPICS, TOPIC, check_command, read_command
 from octo_arm_model.wire import estimate
 from octo_arm_model.wire.backbone import TENDON_LENGTHS, TIP_POSE, read_poses
 from octo_arm_model.wire.tensions import JOINT_STATE
@@ -357,7 +351,7 @@ class ArmClient:
         with contextlib.suppress(OctoArmError):  # refused by what drives the tendons too
             tensions, _ = read_command(name, message, config.arm)
             requested = np.array([tensions.get(one, 0.0) for one in config.arm.tendon_names])
-            check_command(config.arm, requested, tendon_limits(config))
+            check_command(config.arm, requested, self._commands.limits)
             self._commanded |= tensions
 
     def _read_status(self, message: DiagnosticArray) -> None:

@@ -40,6 +40,7 @@ class CommandPublisher:
 
     Attributes:
         publisher: the ROS publisher, which counts its subscriptions.
+        limits: largest tension of each tendon (tendons,) [N].
     """
 
     def __init__(self, node: Node, topic: str, config: Config | None = None) -> None:
@@ -51,7 +52,7 @@ class CommandPublisher:
 
     def use(self, config: Config) -> None:
         """Publish for the arm of ``config`` and check its tension limits from now on."""
-        self._config, self._limits = config, tendon_limits(config)
+        self._config, self.limits = config, tendon_limits(config)
 
     def publish(self, tensions: ArrayLike, stamp: Time, frame: str = '') -> TendonTensions:
         """Publish ``tensions`` (tendons,) or as `Arm.tension_shape` [N]; return the message.
@@ -62,7 +63,7 @@ class CommandPublisher:
         """
         assert self._config is not None
         arm = self._config.arm
-        checked = check_command(arm, tensions, self._limits)
+        checked = check_command(arm, tensions, self.limits)
         message = tensions_message(checked, arm, stamp, frame)
         self.publisher.publish(message)
         return message

@@ -192,7 +192,7 @@ def _distance(command: Command, other: Command) -> float:
 _SLOW = 0.2  # time by which an arm falls behind the clock, over that in which it moved
 # What a simulator follows, as its diagnostics say.
 COMMANDS, PROFILE = 'commands', 'profile'
-NO_COMMAND, PAUSED = 'no command yet', 'nothing, as it is paused'
+NO_COMMAND, PAUSED = 'no command', 'nothing, as it is paused'
 
 
 class SimulatorDiagnostics(Report):
