@@ -24,7 +24,7 @@ from octo_arm_model.arm.validation import LARGEST
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.client.commands import CommandPublisher, SimulatorClient
-from octo_arm_model.ros.node.inputs import INPUT_QOS
+from octo_arm_model.ros.node.inputs import INPUT_QOS, MOST_BYTES
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator.publishers import NO_COMMAND, PAUSED, PROFILE
 from octo_arm_model.ros.topics import decoded, message_class, take_all
@@ -236,6 +236,8 @@ class ArmClient:
         elif name == _SHAPES:
             self._read_shape(data, info)
         elif name in COMMANDS:
+            if len(data) > MOST_BYTES:
+                raise MessageError(f'{len(data)} bytes, expected at most {MOST_BYTES}')
             self._read_command(name, decoded(data, COMMANDS[name]), self.config)
         else:
             self._read_detail(name, decoded(data, DETAILS[name]), self.config.arm)

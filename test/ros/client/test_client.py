@@ -18,10 +18,12 @@ from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import preset_path
 from octo_arm_model.ros.client import client as client_module
-from octo_arm_model.ros.client.client import DETAILS, POSES, ArmClient
+from octo_arm_model.ros.client.client import COMMANDS, DETAILS, POSES, ArmClient
 from octo_arm_model.ros.estimator.main import EstimatorNode
+from octo_arm_model.ros.node.inputs import MOST_BYTES
 from octo_arm_model.ros.node.outputs import LATCHED_QOS, OUTPUT_QOS
 from octo_arm_model.ros.simulator.main import SimulatorNode
+from octo_arm_model.simulation.movements import TOPIC
 from octo_arm_model.wire.estimate import CONTACT, COVARIANCE
 
 TOPICS = {**POSES, 'strains': DETAILS['strains']}
@@ -63,6 +65,15 @@ def test_bytes_that_are_no_message_are_a_problem_until_the_next_one(name, data):
         publisher.publish(poses if name in POSES else strains)
         ros.read(lambda: not client.problem, 'a message')
         assert (client.shape if name in POSES else client.strains) is not None
+
+
+def test_a_command_of_too_many_bytes_is_not_decoded():
+    data = bytes(MOST_BYTES + 1)
+    with contextlib.closing(Reading(COMMANDS)) as ros:
+        publisher = ros.publisher(COMMANDS[TOPIC], TOPIC)
+        ros.read(lambda: publisher.publish(data) or ros.reader.problem, 'a problem')
+        problem = f'{TOPIC}: {len(data)} bytes, expected at most {MOST_BYTES}'
+        assert ros.reader.problem == problem
 
 
 def test_of_two_nodes_no_rate_is_told_but_that_they_are_two():
