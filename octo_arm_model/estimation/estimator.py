@@ -113,7 +113,7 @@ class Estimator:
         self._window = window
         self._moments: list[_Moment] = []
         self._is_cut = False  # whether there were moments before these
-        self._failing_since: float | None = None
+        self._failing_since = math.inf
         self.consistency: dict[str, Consistency] = {}
         self.refused_since: dict[str, int] = {}
         self.suspects: tuple[str, ...] = ()
@@ -126,12 +126,12 @@ class Estimator:
         If it fails, only the counts change.
 
         Raises:
-            MeasurementError: if the stamp is no integer, or the measurements come too late, or do
-                not fit the arm.
+            MeasurementError: if the stamp is no int64, or measurements are too late or do not fit.
             SolveError: if the arm has no trustworthy shape.
         """
-        if not isinstance(stamp_ns, (int, np.integer)) or isinstance(stamp_ns, bool):
-            raise MeasurementError(f'stamp_ns is {shown(stamp_ns)}, expected an integer [ns]')
+        is_integer = isinstance(stamp_ns, (int, np.integer)) and not isinstance(stamp_ns, bool)
+        if not (is_integer and abs(stamp_ns := int(stamp_ns)) < 2**63):
+            raise MeasurementError(f'stamp_ns is {shown(stamp_ns)}, expected an int64 [ns]')
         check_class('measurements', measurements, Sequence)
         origin = stamp_ns if self.origin_ns is None else self.origin_ns
         time, is_new = 1e-9 * (stamp_ns - origin), False
@@ -148,17 +148,18 @@ class Estimator:
             moments, index, replaced = self._with_measurements(self._moments, time, new, work)
         except SolveError:
             self.failed += 1
-            if self._failing_since is None:
-                self._failing_since = time
+            self._failing_since = min(self._failing_since, time)
             if not 0.0 < self._rules.recover_after <= time - self._failing_since:
                 raise
             moments, index, replaced = self._with_measurements([], time, new, work)
             self._is_cut, is_new = False, True
-        self.origin_ns, self._failing_since = origin, None
-        added, newest = moments[index], moments[-1]
-        # A late measurement needs the moment before the window.
-        since = bisect.bisect_left([old.time for old in moments], newest.time - self._window)
-        first = max(0, since - 1, len(moments) - MAX_MOMENTS)
+        self.origin_ns, added, newest = origin, moments[index], moments[-1]
+        if time >= self._failing_since:
+            self._failing_since = math.inf
+        # A late measurement needs the moments of the time before the window.
+        times = [old.time for old in moments]
+        since = max(1, bisect.bisect_left(times, newest.time - self._window))
+        first = max(bisect.bisect_left(times, times[since - 1]), len(moments) - MAX_MOMENTS)
         self._moments, self._is_cut = moments[first:], self._is_cut or first > 0
         (best, estimate), (place, added_estimate) = newest.leading, added.leading
         innovations = added_estimate.innovations_after(replaced and replaced.estimates[place])
@@ -169,9 +170,9 @@ class Estimator:
         begins_anew = is_new or (added is newest and replaced is None and estimate.begins_anew)
         self.restarts += begins_anew
         count_innovations(self.consistency, stamp_ns, innovations)
-        names = list(self._models)
-        probabilities = dict(zip(names, newest.probability.tolist(), strict=True))
-        return EstimatorOutput(estimate, names[best], probabilities, innovations, begins_anew)
+        probabilities = dict(zip(self._models, newest.probability.tolist(), strict=True))
+        name = list(probabilities)[best]
+        return EstimatorOutput(estimate, name, probabilities, innovations, begins_anew)
 
     def _with_measurements(
         self,
@@ -181,6 +182,8 @@ class Estimator:
         work: Sequence[Work],
     ) -> tuple[list[_Moment], int, _Moment | None]:
         """Return the moments with new ``measurements``, their index, and the moment replaced."""
+        if not measurements and any(old.time == time for old in moments):
+            return moments, -1, moments[-1]
         index, replaced = bisect.bisect_right([moment.time for moment in moments], time), None
         # The first measurement of all may come second; then it is put before the other one.
         if moments and not index and (self._is_cut or time < moments[-1].time - self._window):

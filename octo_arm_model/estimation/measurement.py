@@ -94,9 +94,8 @@ class Measurement(abc.ABC):
     def is_same(self, other: Measurement) -> bool:
         """Return whether an ``other`` measurement is of the same class and equal in all fields."""
         mine, theirs = vars(self), vars(other)
-        return type(self) is type(other) and all(
-            np.array_equal(mine[name], theirs.get(name, ())) for name in mine
-        )
+        are_equal = (np.array_equal(mine[name], theirs.get(name, ())) for name in mine)
+        return type(self) is type(other) and all(are_equal)
 
     def channels(self, prediction: Prediction) -> tuple[str, ...]:
         """Return the sensor of each number, (m,); a sensor is used or doubted as a whole."""

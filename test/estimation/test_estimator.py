@@ -132,6 +132,35 @@ def test_a_measurement_that_is_delivered_twice_counts_once():
     assert often.consistency == once.consistency
 
 
+def test_duplicates_from_before_the_window_count_once():
+    estimator = Estimator({'tip': rubber(FORCE_AT_TIP)})
+    for step in (0, 1, 2, 1, 1, 1):
+        estimator.add(np.uint64(ORIGIN + step * SECOND), [Tensions(TENSIONS, CELL)])
+    assert estimator.consistency['tensions'].accepted == 3
+
+
+RAISED = TENSIONS + 0.5
+
+
+class TipOfAnother(TipPosition):
+    """A tip to which an arm under `RAISED` tensions does not get."""
+
+    def innovation(self, prediction: Prediction) -> np.ndarray:
+        if np.allclose(prediction.x[:4], RAISED, atol=0.1):
+            raise SolveError('no way there')
+        return super().innovation(prediction)
+
+
+def test_duplicates_do_not_put_off_that_an_estimate_begins_anew():
+    estimator = Estimator({'tip': rubber(FORCE_AT_TIP)}, STRICT, 2.0)
+    for stamp in range(ORIGIN + SECOND, ORIGIN + 2 * SECOND, SECOND // 10):
+        estimator.add(ORIGIN, [Tensions(RAISED, CELL)])
+        with contextlib.suppress(SolveError):
+            output = estimator.add(stamp, [TipOfAnother([RUBBER.length, 0.0, 0.0], PLACE)])
+            break
+    assert estimator.failed == 6 and estimator.restarts == 1 and output.begins_anew
+
+
 def test_covariance_includes_faults_that_are_not_detectable():
     strict = Estimator({'tip': rubber(Unknowns(Walk(5.0, 1.0), tip_force=LIKELY))}, STRICT)
     trusting = Estimator({'tip': rubber(Unknowns(Walk(5.0, 1.0), tip_force=LIKELY))})
