@@ -118,6 +118,7 @@ DETAILS: dict[str, Any] = {
 COMMANDS: dict[str, Any] = {
     topic: message_class(kind.type_name) for topic, kind in COMMAND_TOPICS.items()
 }
+_LONGEST_WAIT = 2e9  # [ns] that a command waits; if it seems longer, the clock was set back
 _MOST_SENT = 100  # commands of which it is known that they are of this client
 _MOST_PROBLEMS, _LONGEST_PROBLEM = 64, 1000  # problems kept, and characters of each
 _STALE = 5.0  # [s] without news after which a problem is forgotten, as that of a node that ended
@@ -171,6 +172,7 @@ class ArmClient:
         self.is_paused: bool | None = None
         self.has_no_command = False
         self._sent: collections.deque[TendonTensions] = collections.deque(maxlen=_MOST_SENT)
+        self._sent_ns = 0  # time of the newest of them [ns]
         self._commanded: dict[str, float] = {}
         self._forget()
 
@@ -238,7 +240,12 @@ class ArmClient:
         elif name in COMMANDS:
             if len(data) > MOST_BYTES:
                 raise MessageError(f'{len(data)} bytes, expected at most {MOST_BYTES}')
-            self._read_command(name, decoded(data, COMMANDS[name]), self.config)
+            message = decoded(data, COMMANDS[name])
+            # One that came before a command of this client is out of date.
+            older_ns = self._sent_ns - (info.get('received_timestamp') or self._sent_ns)
+            # rclpy does not tell who has published it.
+            if not (0 < older_ns < _LONGEST_WAIT or message in self._sent):
+                self._read_command(name, message, self.config)
         else:
             self._read_detail(name, decoded(data, DETAILS[name]), self.config.arm)
 
@@ -338,6 +345,7 @@ class ArmClient:
         assert self.config is not None
         stamp = self._node.get_clock().now().to_msg()
         self._sent.append(self._commands.publish(tensions, stamp))
+        self._sent_ns = time.time_ns()
 
     def take_command(self) -> dict[str, float]:
         """Return the newest tensions [N] by tendon that other nodes command since the last call.
@@ -348,8 +356,6 @@ class ArmClient:
         return command
 
     def _read_command(self, name: str, message: Any, config: Config) -> None:
-        if message in self._sent:  # rclpy does not tell who has published it
-            return
         with contextlib.suppress(OctoArmError):  # refused by what drives the tendons too
             tensions, _ = read_command(name, message, config.arm)
             requested = np.array([tensions.get(one, 0.0) for one in config.arm.tendon_names])

@@ -76,6 +76,18 @@ def test_a_command_of_too_many_bytes_is_not_decoded():
         assert ros.reader.problem == problem
 
 
+def test_a_command_that_came_before_one_of_the_client_is_out_of_date():
+    with contextlib.closing(Reading(COMMANDS)) as ros:
+        client, tell = ros.reader, ros.publisher(COMMANDS[TOPIC], TOPIC).publish
+        names, heard = list(client.config.arm.tendon_names), ros.hear(COMMANDS[TOPIC], TOPIC)
+        message = COMMANDS[TOPIC](name=names, tension=[0.1] * len(names))
+        ros.wait(lambda: tell(message) or heard, 'the message')
+        client.command(np.zeros(len(names)))
+        client.poll()
+        assert not client.take_command()
+        ros.read(lambda: tell(message) or client.take_command(), 'a newer one')
+
+
 def test_of_two_nodes_no_rate_is_told_but_that_they_are_two():
     with contextlib.closing(Reading(TOPICS)) as ros:
         client = ros.reader
