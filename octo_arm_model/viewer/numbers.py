@@ -76,7 +76,7 @@ def overlapping(overlap: Overlap | None) -> str:
     return _STYLE.format(
         f'<span class="octo-arm-overlap" style="{_PROBLEM}">The arm passes through itself: at s = '
         f'{first:.0f} and {second:.0f} mm by {1e3 * overlap.depth:.1f} mm. No model here has '
-        'contact.</span>'
+        'contact of the arm with itself.</span>'
     )
 
 

@@ -81,7 +81,7 @@ def test_a_command_that_came_before_one_of_the_client_is_out_of_date():
         client, tell = ros.reader, ros.publisher(COMMANDS[TOPIC], TOPIC).publish
         names, heard = list(client.config.arm.tendon_names), ros.hear(COMMANDS[TOPIC], TOPIC)
         message = COMMANDS[TOPIC](name=names, tension=[0.1] * len(names))
-        ros.wait(lambda: tell(message) or heard, 'the message')
+        ros.wait(lambda: heard or tell(message), 'the message')
         client.command(np.zeros(len(names)))
         client.poll()
         assert not client.take_command()
