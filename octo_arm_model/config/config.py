@@ -110,18 +110,20 @@ class Config:
                 f'with {given["model"]}'
             )
         build.check_each(given, arm, 'tendon_limits')
+        loads = build_loads(given)
+        seconds = given['solve_budget.seconds'] or (1.0 if loads.obstacles else 0.08)
         return cls(
             arm=arm,
             base=Pose(given['base.position'], given['base.quaternion']),
             law=given['material.law'],
             shear=given['material.shear'],
-            loads=build_loads(given),
+            loads=loads,
             motion=build_motion(given),
             uncertainty=uncertainty,
             diagnostic_limits=DiagnosticLimits.of(given),
             load_cells=build.build_load_cells(given, arm),
             encoders=build.build_encoders(given, arm),
-            solve_budget=Budget(given['solve_budget.iterations'], given['solve_budget.seconds']),
+            solve_budget=Budget(given['solve_budget.iterations'], seconds),
             **{name: given[name] for name in cls.__dataclass_fields__ if name in given},
         )
 

@@ -289,9 +289,9 @@ motion.current | double[] | [0.0, 0.0, 0.0] | | with loads.fluid_density
 solve_budget.iterations | integer | 1000 | >= 1
     iterations of Newton's method that a solve of a loaded arm may take; it is refused if it
     needs more
-solve_budget.seconds | double | 0.08 | > 0
+solve_budget.seconds | double | 0.0 | >= 0 | what time
     time that a solve of a loaded arm may take in the node, which answers nothing else
-    meanwhile; it is refused if it needs more [s]
+    meanwhile; it is refused if it needs more [s]; 0 for 0.08, or 1 where there are obstacles
 friction_memory | double | 2.0 | >= 0 | what time
     gap between tensions after which the history of tendons with friction is forgotten, so that
     they are pulled from slack again [s]; 0 for never

@@ -150,6 +150,10 @@ def test_budget_of_iterations_and_of_time(tmp_path):
     text = changed('model: renda2012', 'model: exact') + '    loads.gravity: [0.0, 0.0, -9.81]\n'
     text += '    material.density: 1080.0\n'
     timed = read(tmp_path, text + '    solve_budget.seconds: 1.0e-9\n')
+    # A first shape beside obstacles takes longer.
+    floor = '    obstacles: {type: [plane], position: [0.0, 0.0, -0.03], stiffness: [1.0e6]}\n'
+    seconds = [read(tmp_path, each).solve_budget.seconds for each in (text, text + floor)]
+    assert seconds == [0.08, 1.0]
     rest = np.zeros((3, 4))
     assert timed.solver().solve(rest).residual < 1e-10
     counted = read(tmp_path, text + '    solve_budget.iterations: 1\n')
