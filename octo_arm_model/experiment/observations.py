@@ -82,8 +82,8 @@ def mean_shape(
     """Return the mean of ``frames`` (m, 3), or None if no point is visible in any.
 
     Frames are midlines from base to tip, tips of one point, or markers at ``s``. A frame is an
-    outlier if its distance from the median of all is over three times that of the median frame;
-    of markers each may be one by itself, unless that is its usual distance or that of all.
+    outlier if its distance from the median of all is over three times that of the median frame.
+    Each marker is judged by itself, by the larger of its own median distance and that of all.
     """
     fraction = np.linspace(0.0, 1.0, POINTS)
     is_line = s is None and len(frames[0]) > 1

@@ -242,7 +242,7 @@ class TransformTree:
     ) -> tuple[FloatArray, Rotation]:
         """Return translation and rotation of a transform at ``stamps``, and update ``known``.
 
-        Unless ``needs_turn`` the rotation is none.
+        Unless ``needs_turn`` the rotation is not read, and is the identity.
         """
         link = self._links[child]
         times, numbers = link.table()
@@ -256,7 +256,7 @@ class TransformTree:
                     f'{name} is {numbers[place].tolist()}, expected finite numbers and a '
                     'quaternion of norm 1'
                 )
-        if not needs_turn:
+        else:
             numbers[:, 3:] = 0.0, 0.0, 0.0, 1.0
         if link.is_static:
             times, numbers = stamps[:1], numbers[:1]

@@ -117,9 +117,10 @@ def model_error(
     """Return the distance at left-out loads that noise and changes at single steps leave [m].
 
     ``away`` has the residuals of each step (m, 3) [m]; changes at a single step are of those
-    components of ``x`` that belong to the arm, and, unless they explain anything, of all pulls.
-    The others, such as the pose of the camera, are not exact in a fit without a load: what the
-    scatter of the fits ``found`` (folds, n) makes of this is no error of the model.
+    components of ``x`` that belong to the arm and, unless both together explain any residuals
+    there, of all pulls. The other components, such as the pose of the camera, are not exact in a
+    fit without a load: what the scatter of the fits ``found`` (folds, n) makes of this is no error
+    of the model.
     """
     columns = [n for n, name in enumerate(problem.unknowns.names) if is_of_arm(name)]
     squares = []

@@ -355,7 +355,7 @@ class Rod:
             problem, level = self.problem(start.level), start.level
             initial, z = start.state.condition, start.state.z
             target = self.at_level(target, level)
-            verdict = self._follow(problem, initial, z, target, spending, _RESTART_STEP)
+            verdict = self._follow_softened(problem, initial, z, target, spending, _RESTART_STEP)
         else:
             level = self.first_level(target.before)
             verdict = self._from_unloaded(target, level, spending)
@@ -422,9 +422,9 @@ class Rod:
                 raise  # The budget is spent.
             except ConvergenceError:
                 pass  # The coarse problem may have too few nodes.
-        return self._follow(fine, initial, z, target, spending, _FIRST_STEP)
+        return self._follow_softened(fine, initial, z, target, spending, _FIRST_STEP)
 
-    def _follow(
+    def _follow_softened(
         self,
         problem: Problem,
         initial: Condition,
@@ -433,14 +433,14 @@ class Rod:
         spending: Spending,
         step: float,
     ) -> Verdict:
-        """Follow the arm as `continuation.follow` does, with soft planes while loads change.
+        """Follow the arm as `continuation.follow` does, but planes are soft while loads change.
 
         A contact with a stiff plane begins and ends within a small change of the loads, which
         would be a step each.
         """
-        if self._softness < 1.0:
-            soft = initial._replace(rigidity=self._softness)
-            soft_target = target._replace(rigidity=self._softness)
+        if self._soft_rigidity < 1.0:
+            soft = initial._replace(rigidity=self._soft_rigidity)
+            soft_target = target._replace(rigidity=self._soft_rigidity)
             try:
                 z_soft = follow(problem, initial, z, soft, spending).state.z
                 z_soft = follow(problem, soft, z_soft, soft_target, spending, step).state.z
@@ -452,8 +452,8 @@ class Rod:
         return follow(problem, initial, z, target, spending, step)
 
     @functools.cached_property
-    def _softness(self) -> float:
-        """The factor on the stiffness of planes that makes them soft; 1 if there are others.
+    def _soft_rigidity(self) -> float:
+        """The `Condition.rigidity` that makes planes soft; 1 if there are other obstacles.
 
         An arm that rests on a soft plane all along sinks in by a part `_SOFT_DEPTH` of the
         deflection of its tip by the same force. It may slip past a soft post or ball.

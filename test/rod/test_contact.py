@@ -237,9 +237,6 @@ def test_invalid_obstacles_are_refused():
         Loads(obstacles=33 * (ball,))
 
 
-# Motion ------------------------------------------------------------------------------------------
-
-
 def test_soft_arm_that_tensions_press_against_a_wall_is_found(table4):
     # Hundreds of contacts begin and end one by one, if the wall is stiff while loads grow.
     wall = Plane((0.3, 0.0, 0.0), (-1.0, 0.0, 0.3), stiffness=1e6)
@@ -251,6 +248,9 @@ def test_soft_arm_that_tensions_press_against_a_wall_is_found(table4):
         shape = solver.solve(pulls)
         assert solver.contacts(shape).force[0, 0] < -0.002
         assert solver.solve(pulls, start=shape).iterations <= 1
+
+
+# Motion ------------------------------------------------------------------------------------------
 
 
 def test_derivatives_of_contact_friction_equal_finite_differences():
