@@ -326,6 +326,25 @@ class Problem:
             self.orient(z)
         return self._make_tendons(z, none[..., 0], none)
 
+    @functools.cached_property
+    def tendon_weights(self) -> FloatArray:
+        """Weights of integrals along the tendons of the unloaded arm [m], (N, J)."""
+        return np.asarray(self.elements.weights[:, np.newaxis] * self.unloaded_tendons.stretch)
+
+    @functools.cached_property
+    def rest_lengths(self) -> FloatArray:
+        """Lengths of the tendons of the unloaded arm from base to anchorage [m], (J,)."""
+        return np.asarray(self.tendon_weights.sum(axis=0))
+
+    def mean_along_tendons(self, values: FloatArray) -> FloatArray:
+        """Return means of ``values`` (N, J, k) along the tendons of the unloaded arm, (J, k)."""
+        integrals = np.einsum('ij,ijk->jk', self.tendon_weights, values)
+        return np.asarray(integrals / self.rest_lengths[:, np.newaxis])
+
+    def tendon_lengths(self, state: State) -> FloatArray:
+        """Return the lengths of the tendons in ``state`` from base to anchorage [m], (J,)."""
+        return np.asarray(self.elements.weights @ self.tendons(state).stretch)
+
     def history(self, state: State) -> FloatArray:
         """Return tensions (M, J) [N] at `Friction.fine`, from which tendons slide next."""
         assert self.friction is not None

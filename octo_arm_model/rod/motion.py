@@ -430,8 +430,8 @@ class Dynamics:
 
     def tendon_lengths(self, state: MotionState) -> FloatArray:
         """Return the tendons' lengths from base to anchorage [m], of `Arm.tension_shape`."""
-        stretch = self.problem.tendons(self.still(state)).stretch
-        return (self.nodes.weights @ stretch).reshape(self.solver.arm.tension_shape)
+        lengths = self.problem.tendon_lengths(self.still(state))
+        return lengths.reshape(self.solver.arm.tension_shape)
 
     def still(self, state: MotionState) -> State:
         """Return the ``state`` as one of `problem`, without its motion."""

@@ -444,8 +444,7 @@ def sensitivity(
     by_local = stepped.imag.transpose(1, 2, 0)[: level.s.size] / step
     if problem.friction is not None:
         columns, local = _with_friction(level, state, by_local[:nodes], names, rates)
-        rest = problem.elements.weights[:, np.newaxis] * problem.unloaded_tendons.stretch
-        mean = np.einsum('nj,njc->jc', rest, local) / rest.sum(axis=0)[:, np.newaxis]
+        mean = problem.mean_along_tendons(local)
     change = by_local @ columns
     work, elements = problem.work, problem.elements
     rates = pose_rates(elements.from_base, work.rotation, work.slope, change[:nodes])

@@ -317,10 +317,8 @@ class Derivatives:
         self._arm, self._problem = rod.arm, rod.problem(level)
         elements = self._problem.elements
         self._to_stations, self._at_stations = elements.integration(s), elements.interpolation(s)
-        self._rest = self._problem.unloaded_tendons.stretch
-        self._rest_lengths = elements.weights @ self._rest
         self._outwards = outward_paths(rod.arm, self._problem.tables, elements.s)
-        tendons = self._rest_lengths.size
+        tendons = self._problem.rest_lengths.size
         self._counts = dict.fromkeys(('tension', *_PATHS), tendons) | dict.fromkeys(_MATERIAL, 1)
         self._last: Linearisation | None = None
 
@@ -331,7 +329,7 @@ class Derivatives:
             LoadError: if a load states no tangent stiffness.
             ConvergenceError: if the Jacobian is singular.
         """
-        tendons, has_friction = self._rest_lengths.size, self._problem.friction is not None
+        tendons, has_friction = self._counts['tension'], self._problem.friction is not None
         columns = _columns(
             tension=tendons, youngs_modulus=1, tip_wrench=6, friction=tendons * has_friction
         )
@@ -425,8 +423,7 @@ class Derivatives:
             length[tendon, columns[name].start + tendon] += weights @ stretch
         mean = None
         if self._problem.friction is not None:
-            mean = np.einsum('i,ij,ijc->jc', weights, self._rest, local)
-            mean /= self._rest_lengths[:, np.newaxis]
+            mean = self._problem.mean_along_tendons(local)
         pose = along(self._to_stations, self._pose_rates(linear, z))
         strain = along(self._at_stations, strain_changes(linear.state.z, z))
         return Change(pose, strain, length, mean, z)

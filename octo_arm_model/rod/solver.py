@@ -29,13 +29,14 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import check_class
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.checks import LoadLimits, check_tensions, tip_wrench_of
-from octo_arm_model.rod.contact import Contacts
-from octo_arm_model.rod.elements import Elements
-from octo_arm_model.rod.equilibrium import Condition, Equilibrium
+from octo_arm_model.rod.contact import NONE, Contacts
+from octo_arm_model.rod.elements import LEVELS, Elements
+from octo_arm_model.rod.equilibrium import Condition, Equilibrium, Problem
 from octo_arm_model.rod.papers import Papers
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 from octo_arm_model.rod.statics import Exact, Setup, Shape, Shapes, Statics
 from octo_arm_model.rod.stations import DEFAULT_STATIONS, StationGrid
+from octo_arm_model.rod.tendons import outward_paths
 
 STATICS: dict[str, Callable[[Setup], Statics]] = {
     'renda2012': functools.partial(Papers, is_published=True),
@@ -291,8 +292,9 @@ class Solver:
         return self._read_only(tensions, wrenches, shapes)
 
     def _single(self, tensions: FloatArray, wrench: FloatArray, shape: Shape) -> Backbone:
-        equilibrium = shape.equilibrium
-        history = self._statics.history(equilibrium).T if self.arm.friction else None
+        equilibrium, history = shape.equilibrium, None
+        if self.arm.friction:
+            history = self._statics.problem(equilibrium.level).history(equilibrium.state).T
         convergence = np.array(equilibrium.state.residual), np.array(equilibrium.iterations)
         shapes = Shapes(*shape[:4], *convergence)
         return self._read_only(tensions, wrench, shapes, equilibrium, history)
@@ -427,8 +429,8 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        equilibrium = self._equilibrium_of(backbone)
-        return self._statics.tendon_lengths(equilibrium).reshape(self.arm.tension_shape)
+        problem, equilibrium = self._solved(backbone)
+        return problem.tendon_lengths(equilibrium.state).reshape(self.arm.tension_shape)
 
     def contacts(self, backbone: Backbone) -> Contacts:
         """Return the contacts of the arm with obstacles in a single solution of this solver.
@@ -436,7 +438,11 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        return self._statics.contacts(self._equilibrium_of(backbone))
+        problem, equilibrium = self._solved(backbone)
+        if problem.contact is None:
+            return NONE
+        problem.orient(equilibrium.state.z)
+        return problem.contact.report(problem.places())
 
     def local_tensions(self, backbone: Backbone) -> FloatArray:
         """Return the tension of every tendon at every node of the model [N], (tendons, nodes).
@@ -444,7 +450,8 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        return self._statics.local_tensions(self._equilibrium_of(backbone)).T
+        problem, equilibrium = self._solved(backbone)
+        return (equilibrium.state.at_nodes.tensions * problem.tables.reach).T
 
     def displacements(self, backbone: Backbone) -> FloatArray:
         """Return the length that the winch of each tendon has reeled in [m].
@@ -454,13 +461,13 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        reeled = self._statics.displacements(self._equilibrium_of(backbone))
+        reeled = self._statics.reeled(self._equilibrium_of(backbone))
         return reeled.reshape(self.arm.tension_shape)
 
     @property
     def rest_lengths(self) -> FloatArray:
         """Length of every tendon of the unloaded arm [m], of `Arm.tension_shape`."""
-        return self._statics.rest_lengths.reshape(self.arm.tension_shape)
+        return self._statics.problem(0).rest_lengths.reshape(self.arm.tension_shape)
 
     @functools.cached_property
     def largest_displacements(self) -> FloatArray:
@@ -496,7 +503,12 @@ class Solver:
 
         They are by unloaded lengths and the stretch of these; only winding tendons have any.
         """
-        return self._statics.displacements_by_offset(self._equilibrium_of(backbone))
+        problem, equilibrium = self._solved(backbone)
+        weights, tensions = problem.elements.weights, equilibrium.state.at_nodes.tensions
+        outwards = outward_paths(self.arm, problem.tables, problem.elements.s)
+        rates = problem.unloaded_tendons.by_path(outwards).stretch
+        integrals = weights @ (rates * tensions)
+        return np.asarray(weights @ rates + self.arm.stretched(integrals))
 
     def wind(
         self,
@@ -532,9 +544,16 @@ class Solver:
         if equilibrium is None:
             raise ConfigError('the backbone is that of a batch, expected a single solution')
         is_alike = backbone.model == self.model and backbone.s.size == self.grid.s.size
-        if not (is_alike and self._statics.has_solved(equilibrium)):
-            raise ConfigError('the backbone was solved by another solver')
-        return equilibrium
+        if is_alike and 0 <= equilibrium.level < len(LEVELS):
+            nodes = self._statics.problem(equilibrium.level).elements.s.size
+            if equilibrium.state.z.shape == (nodes, self.strains):
+                return equilibrium
+        raise ConfigError('the backbone was solved by another solver')
+
+    def _solved(self, backbone: Backbone) -> tuple[Problem, Equilibrium]:
+        """Return the equations and the equilibrium of a single solution of this solver."""
+        equilibrium = self._equilibrium_of(backbone)
+        return self._statics.problem(equilibrium.level), equilibrium
 
 
 def solve(

@@ -19,14 +19,11 @@ from octo_arm_model.arm.limits import Allowance, Spending
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import LAWS
 from octo_arm_model.rod.checks import are_stretched
-from octo_arm_model.rod.contact import NONE, Contacts
-from octo_arm_model.rod.elements import LEVELS
 from octo_arm_model.rod.equilibrium import ArmBatch, Condition, Equilibrium, Problem
 from octo_arm_model.rod.factors import RecentFactors
 from octo_arm_model.rod.rod import Rod, Setting
 from octo_arm_model.rod.sensitivity import Change, Derivatives, Sensitivity, Uncertainty
 from octo_arm_model.rod.tables import Places, errors_between
-from octo_arm_model.rod.tendons import outward_paths
 from octo_arm_model.rod.winches import Winches
 
 AT_ONCE = 24  # arms in a batch, whose tables fit into the processor's cache
@@ -223,54 +220,9 @@ class Statics(abc.ABC):
         """Return the change of a solution per unit of each of ``loads``, if there may be loads."""
         raise NotImplementedError
 
-    def has_solved(self, equilibrium: Equilibrium) -> bool:
-        """Whether ``equilibrium`` may be a solution of this model, by its level and its shape."""
-        if not 0 <= equilibrium.level < len(LEVELS):
-            return False
-        nodes = self.problem(equilibrium.level).elements.s.size
-        return equilibrium.state.z.shape == (nodes, self.strains)
-
-    def local_tensions(self, equilibrium: Equilibrium) -> FloatArray:
-        """Return the tension of every tendon at every node in a solution [N], (N, J)."""
-        return equilibrium.state.at_nodes.tensions * self.problem(equilibrium.level).tables.reach
-
-    def history(self, equilibrium: Equilibrium) -> FloatArray:
-        """Return tensions (M, J) [N] from which tendons with friction slide after a solution."""
-        return self.problem(equilibrium.level).history(equilibrium.state)
-
-    def contacts(self, equilibrium: Equilibrium) -> Contacts:
-        """Return the contacts with obstacles in a solution."""
-        problem = self.problem(equilibrium.level)
-        if problem.contact is None:
-            return NONE
-        problem.orient(equilibrium.state.z)
-        return problem.contact.report(problem.places())
-
-    # Lengths of the tendons, from the base to their anchorages ---------------------------------
-
-    @functools.cached_property
-    def rest_lengths(self) -> FloatArray:
-        """Lengths of the tendons in the unloaded arm [m], (J,)."""
-        problem = self.problem(0)
-        return np.asarray(problem.elements.weights @ problem.unloaded_tendons.stretch)
-
-    def tendon_lengths(self, equilibrium: Equilibrium) -> FloatArray:
-        """Return the lengths of the tendons in a solution [m], (J,)."""
-        problem = self.problem(equilibrium.level)
-        return np.asarray(problem.elements.weights @ problem.tendons(equilibrium.state).stretch)
-
-    def displacements(self, equilibrium: Equilibrium) -> FloatArray:
+    def reeled(self, equilibrium: Equilibrium) -> FloatArray:
         """Return the lengths that winches have reeled in in a solution [m], (J,)."""
         return self._winches.displacements(equilibrium)
-
-    def displacements_by_offset(self, equilibrium: Equilibrium) -> FloatArray:
-        """Return derivatives of displacements by the tendons' distances from the midline, (J,)."""
-        problem = self.problem(equilibrium.level)
-        tables, weights = problem.tables, problem.elements.weights
-        outwards = outward_paths(self._setup.arm, tables, problem.elements.s)
-        rates = problem.unloaded_tendons.by_path(outwards).stretch
-        integrals = weights @ (rates * equilibrium.state.at_nodes.tensions)
-        return np.asarray(weights @ rates + self._setup.arm.stretched(integrals))
 
 
 def strains_of(z: FloatArray) -> FloatArray:

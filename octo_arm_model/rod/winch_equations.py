@@ -102,18 +102,16 @@ class WinchEquations:
         self.problem, self._arm = problem, arm
         self.others, self.turn = self.problem.others, self.problem.turn
         self._weights = self.problem.elements.weights
-        self._rest = self._weights[:, np.newaxis] * self.problem.unloaded_tendons.stretch
-        self._unloaded = self._rest.sum(axis=0)
+        self._unloaded = self.problem.rest_lengths
         count = self._unloaded.size
         self._free = arm.stretched(np.array(arm.free_length or np.zeros(count)))
-        self._by_local = arm.stretched(self._rest)
+        self._by_local = arm.stretched(self.problem.tendon_weights)
         self.measure = np.append(self.problem.measure, np.zeros(count))
         self._tolerance = Tolerance.of(arm.length, problem.friction is not None)
 
     def displacement(self, state: State) -> FloatArray:
         """Return the lengths reeled in, or that would make slack tendons taut [m], (J,)."""
-        at_nodes, lengths = state.at_nodes, self._weights @ self.problem.tendons(state).stretch
-        reeled = self._unloaded - lengths
+        at_nodes, reeled = state.at_nodes, self._unloaded - self.problem.tendon_lengths(state)
         if self._arm.axial_stiffness:
             reeled += np.einsum('ij,ij->j', self._by_local, at_nodes.tensions)
             reeled += self._free * at_nodes.condition.tensions
