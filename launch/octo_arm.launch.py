@@ -1,10 +1,9 @@
 """Start the node of one arm, and on request RViz and a bag of tensions that is played."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.actions import ExecuteProcess
 from launch.substitutions import LaunchConfiguration
 
-from octo_arm_model.ros.launch_parts import arm_node, base_frame, declare, rviz, value_of
+from octo_arm_model.ros.launch_parts import arm_node, base_frame, described, rviz, value_of
 
 
 def start(context):
@@ -21,14 +20,5 @@ def start(context):
 
 def generate_launch_description():
     """Return the arguments and the function that starts everything by their values."""
-    return LaunchDescription(
-        [
-            *declare(),
-            DeclareLaunchArgument(
-                'bag',
-                default_value='',
-                description='bag to play with its clock, best with use_sim_time; empty for none',
-            ),
-            OpaqueFunction(function=start),
-        ]
-    )
+    bag = 'bag to play with its clock, best with use_sim_time; empty for none'
+    return described(start, bag={'default_value': '', 'description': bag})

@@ -1,12 +1,10 @@
 """Start eight arms around a body, each a node in its own namespace: arm_1 to arm_8."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
 from octo_arm_model.analysis.drawing import ARMS, RADIUS, base_pose
 from octo_arm_model.ros.launch_parts import (
-    declare,
+    described,
     node,
     overrides,
     params_file,
@@ -37,20 +35,16 @@ def start(context):
 
 def generate_launch_description():
     """Return the arguments and the function that starts everything by their values."""
-    return LaunchDescription(
-        [
-            *declare('params_file', 'use_sim_time', 'rviz', 'model'),
-            DeclareLaunchArgument(
-                'radius',
-                default_value=str(RADIUS),
-                description='radius of the circle of the bases [m]',
-            ),
-            DeclareLaunchArgument(
-                'base_frame',
-                default_value='octopus',
-                description='frame of the body, at its centre, that all arms are expressed in; '
-                'base and frame of params_file are not used',
-            ),
-            OpaqueFunction(function=start),
-        ]
+    return described(
+        start,
+        ('params_file', 'use_sim_time', 'rviz', 'model'),
+        radius={
+            'default_value': str(RADIUS),
+            'description': 'radius of the circle of the bases [m]',
+        },
+        base_frame={
+            'default_value': 'octopus',
+            'description': 'frame of the body, at its centre, that all arms are expressed in; '
+            'base and frame of params_file are not used',
+        },
     )

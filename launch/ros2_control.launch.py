@@ -1,7 +1,5 @@
 """Start a simulated arm that moves, and controllers of ros2_control that drive its tendons."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
@@ -11,7 +9,7 @@ from octo_arm_model.ros.launch_parts import (
     PACKAGE,
     arm_node,
     base_frame,
-    declare,
+    described,
     node,
     overrides,
     params_file,
@@ -68,22 +66,17 @@ def generate_launch_description():
     file = PathJoinSubstitution(
         [FindPackageShare(PACKAGE), 'config/ros2_control/controllers.yaml']
     )
-    return LaunchDescription(
-        [
-            *declare(),
-            DeclareLaunchArgument(
-                'interface',
-                default_value='effort',
-                choices=INTERFACES,
-                description='what controllers command: tensions as effort [N], or lengths that '
-                'winches reel in as position [m]',
-            ),
-            DeclareLaunchArgument(
-                'controllers_file',
-                default_value=file,
-                description='parameter file of the controllers; the default is for the arm '
-                'renda2012_table4',
-            ),
-            OpaqueFunction(function=start),
-        ]
+    return described(
+        start,
+        interface={
+            'default_value': 'effort',
+            'choices': INTERFACES,
+            'description': 'what controllers command: tensions as effort [N], or lengths that '
+            'winches reel in as position [m]',
+        },
+        controllers_file={
+            'default_value': file,
+            'description': 'parameter file of the controllers; the default is for the arm '
+            'renda2012_table4',
+        },
     )

@@ -1,7 +1,5 @@
 """Start node and simulator of an arm without hardware, and on request a node of the true shape."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
 from octo_arm_model.config.config import load_config
@@ -9,7 +7,7 @@ from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.ros.launch_parts import (
     arm_node,
     base_frame,
-    declare,
+    described,
     is_true,
     node,
     overrides,
@@ -61,33 +59,26 @@ def start(context):
 
 def generate_launch_description():
     """Return the arguments and the function that starts everything by their values."""
-    return LaunchDescription(
-        [
-            *declare(),
-            DeclareLaunchArgument(
-                'simulator_file',
-                default_value='',
-                description='ROS parameter file of the simulator, such as config/simulator.yaml; '
-                'empty for perfect winches and load cells',
-            ),
-            DeclareLaunchArgument(
-                'profile',
-                default_value='',
-                description='movement or file to play over and over; empty to wait for commands',
-            ),
-            DeclareLaunchArgument(
-                'estimate',
-                default_value='false',
-                description='whether the arm is pushed again and again and measured with noise, '
-                'and octo_arm_estimator runs in place of octo_arm_node',
-            ),
-            DeclareLaunchArgument(
-                'ground_truth',
-                default_value='false',
-                description='whether another node publishes the shape that the simulated arm '
-                'really has, in the namespace ground_truth, its frames with the prefix '
-                'ground_truth_ after that of the arm',
-            ),
-            OpaqueFunction(function=start),
-        ]
+    return described(
+        start,
+        simulator_file={
+            'default_value': '',
+            'description': 'ROS parameter file of the simulator, such as config/simulator.yaml; '
+            'empty for perfect winches and load cells',
+        },
+        profile={
+            'default_value': '',
+            'description': 'movement or file to play over and over; empty to wait for commands',
+        },
+        estimate={
+            'default_value': 'false',
+            'description': 'whether the arm is pushed again and again and measured with noise, '
+            'and octo_arm_estimator runs in place of octo_arm_node',
+        },
+        ground_truth={
+            'default_value': 'false',
+            'description': 'whether another node publishes the shape that the simulated arm '
+            'really has, in the namespace ground_truth, its frames with the prefix '
+            'ground_truth_ after that of the arm',
+        },
     )

@@ -1,11 +1,12 @@
 """Parts that the launch files share: their arguments, and launch actions for nodes and RViz."""
 
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from ament_index_python.packages import get_packages_with_prefixes
-from launch import LaunchContext
+from launch import LaunchContext, LaunchDescription
 from launch.action import Action
-from launch.actions import DeclareLaunchArgument, LogInfo
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -29,14 +30,18 @@ ARGUMENTS: dict[str, tuple[str, str]] = {
 }
 
 
-def declare(*names: str) -> list[DeclareLaunchArgument]:
-    """Declare the arguments ``names`` of `ARGUMENTS`, or all of them."""
-    return [
-        DeclareLaunchArgument(
-            name, default_value=ARGUMENTS[name][0], description=ARGUMENTS[name][1]
-        )
-        for name in names or ARGUMENTS
-    ]
+def described(
+    start: Callable[[LaunchContext], list[Action]],
+    names: Iterable[str] = ARGUMENTS,
+    **own: Mapping[str, Any],
+) -> LaunchDescription:
+    """Return arguments, and the actions that ``start`` returns for their values.
+
+    The arguments are ``names`` of `ARGUMENTS` and those of one launch file, ``own``.
+    """
+    shared = {name: dict(zip(('default_value', 'description'), ARGUMENTS[name])) for name in names}
+    arguments = [DeclareLaunchArgument(name, **how) for name, how in (shared | own).items()]
+    return LaunchDescription([*arguments, OpaqueFunction(function=start)])
 
 
 def require(*packages: str) -> None:
