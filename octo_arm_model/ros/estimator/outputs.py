@@ -14,7 +14,7 @@ from octo_arm_model.estimation.rules import Consistency
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node.diagnostics import make_status
-from octo_arm_model.ros.node.outputs import BackbonePublishers
+from octo_arm_model.ros.node.outputs import BackbonePublishers, is_heard
 from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.estimate import BESIDES, EstimateWriter
 from octo_arm_model.wire.markers import UncertaintyMarkersWriter
@@ -170,7 +170,7 @@ class EstimatePublishers(BackbonePublishers):
         tip_covariance = estimate.pose_covariance[-1] if self.is_tip_heard else None
         self.publish(backbone, tip_covariance, stamp, markers)
         self.publish_tensions(backbone, stamp)
-        unheard = tuple(topic for topic, output in self._besides.items() if not output.is_heard)
+        unheard = tuple(topic for topic, output in self._besides.items() if not is_heard(output))
         messages = self._estimate_writer.write(estimate, contact, stamp, unheard)
         for topic, data in messages.items():
             self._besides[topic].publish(data)

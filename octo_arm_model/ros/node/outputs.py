@@ -1,6 +1,5 @@
 """The publishers of the node: backbone, strains, tip, tendons, frames and markers."""
 
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -33,47 +32,13 @@ from octo_arm_model.wire.backbone import (
 from octo_arm_model.wire.markers import FramesWriter, MarkersWriter
 from octo_arm_model.wire.messages import Stamp
 
-_STILL_HEARD = 0.1  # [s] for which a count of subscribers stays valid
 
-
-class Output:
-    """A publisher of a node that knows whether its messages reach anybody.
-
-    Attributes:
-        publisher: the ROS publisher.
-    """
-
-    def __init__(self, node: Node, kind: Any, topic: str, qos: QoSProfile) -> None:
-        """Create the publisher of ``node`` for messages of type ``kind`` on ``topic``.
-
-        Raises:
-            ConfigError: if an override of a QoS policy has an impossible value.
-        """
-        self.publisher: Publisher = create_publisher(node, kind, topic, qos)
-        durability = self.publisher.qos_profile.durability
-        # A transient local publisher keeps messages for later subscribers.
-        self._keeps = durability == DurabilityPolicy.TRANSIENT_LOCAL
-        # Every message needs these two, and rclpy's own methods take three times as long.
-        self._count = self.publisher.handle.get_subscription_count
-        self._publish_bytes = self.publisher.handle.publish_raw
-        self._heard_until = 0.0
-
-    @property
-    def is_heard(self) -> bool:
-        """Whether a message published now will be received."""
-        if self._keeps:
-            return True
-        now = time.monotonic()
-        if now >= self._heard_until and self._count() > 0:
-            self._heard_until = now + _STILL_HEARD
-        return now < self._heard_until
-
-    def publish(self, message: Any) -> None:
-        """Publish a ``message``, which may be serialised."""
-        if isinstance(message, bytes):
-            self._publish_bytes(message)
-        else:
-            self.publisher.publish(message)
+def is_heard(publisher: Publisher) -> bool:
+    """Whether a message published now will be received, or kept for later subscribers."""
+    if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        return True
+    # Every message needs this, and rclpy's own method takes three times as long.
+    return int(publisher.handle.get_subscription_count()) > 0
 
 
 MARKERS_TOPIC = 'markers'
@@ -82,11 +47,11 @@ MARKERS_TOPIC = 'markers'
 class MarkerPublisher:
     """Publishes markers of the newest backbone at a limited rate, while somebody subscribes."""
 
-    def __init__(self, node: Node, output: Output) -> None:
-        """Publish through ``output`` of ``node``."""
-        self._node, self._output = node, output
+    def __init__(self, node: Node, publisher: Publisher) -> None:
+        """Publish by ``publisher`` of ``node``."""
+        self._node, self._publisher = node, publisher
         self._writer: MarkersWriter | None = None
-        self._timer: Timer | None = None
+        self._timer: Timer | None = None  # runs since the last markers
         self._waiting: Callable[[], None] | None = None
         self._is_clean, self._largest = False, 0.0
         self._arm: Arm | None = None
@@ -102,13 +67,12 @@ class MarkerPublisher:
             self._is_clean, self._largest = False, 0.0
         self.forget()
         self._writer, self._arm = writer, arm
-        if rate == self._rate:
-            return
-        self._stop_timer()
-        self._rate = rate
-        if rate:
-            self._timer = steady_timer(self._node, 1.0 / rate, self._on_time)
-            self._timer.cancel()
+        if rate != self._rate:
+            self._stop_timer()
+            self._rate = rate
+            if rate:
+                self._timer = steady_timer(self._node, 1.0 / rate, self._on_time)
+                self._timer.cancel()
 
     def stop(self) -> None:
         """Publish nothing until `describe` is called."""
@@ -131,16 +95,14 @@ class MarkerPublisher:
 
         ``more`` makes a message with further markers of the same shape.
         """
-        if not self._output.is_heard:
+        self._waiting = partial(self._draw, backbone, stamp, more)
+        if not is_heard(self._publisher):
             self.forget()
-            return
-        draw = partial(self._draw, backbone, stamp, more)
-        if self._timer is not None and not self._timer.is_canceled():
-            self._waiting = draw
-            return
-        draw()
-        if self._timer is not None:
+        elif self._timer is None:
+            self._waiting()
+        elif self._timer.is_canceled():
             self._timer.reset()
+            self._on_time()
 
     def _on_time(self) -> None:
         """Publish the backbone that waits; if none waits, the next is published at once."""
@@ -156,14 +118,13 @@ class MarkerPublisher:
             return
         if not self._is_clean:
             # Markers of the previous arm may still be shown.
-            self._output.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             self._is_clean = True
         # Red is the largest tension so far, so that colours stay comparable over time.
         self._largest = max(self._largest, float(backbone.tensions.max()))
-        data = self._writer.write(backbone, *stamp, self._largest or None)
-        self._output.publish(data)
+        self._publisher.publish(self._writer.write(backbone, *stamp, self._largest or None))
         if more is not None:
-            self._output.publish(more())
+            self._publisher.publish(more())
 
 
 OUTPUT_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
@@ -172,7 +133,7 @@ LATCHED_QOS = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 # The same depth as in tf2_ros, because many nodes share the topic.
-TF_TOPIC = '/tf'
+TF_TOPIC, TF_TYPE = '/tf', 'tf2_msgs/msg/TFMessage'
 TF_QOS = QoSProfile(depth=100)
 
 
@@ -186,7 +147,7 @@ class BackbonePublishers:
             ConfigError: if an override of a QoS policy is impossible; all are destroyed then.
         """
         self._node = node
-        self._opened: list[Output] = []
+        self._opened: list[Publisher] = []
         self._path, self._poses, self._strains, self._tip = (
             self._open(message_class(kind), topic) for topic, kind in BACKBONE_TOPICS.items()
         )
@@ -195,19 +156,26 @@ class BackbonePublishers:
         self._profiles = self._open(PointCloud2, TENSION_PROFILES)
         self._description = self._open(String, 'arm_description', LATCHED_QOS)
         self._drawing = MarkerPublisher(node, self._open(MarkerArray, MARKERS_TOPIC))
-        kind = frames_class(node)
-        self._transforms = None if kind is None else self._open(kind, TF_TOPIC, TF_QOS)
+        self._transforms: Publisher | None = None
+        try:
+            kind = message_class(TF_TYPE)
+        except ConfigError:  # it is in every ROS installation, but in no wheel
+            node.get_logger().warning(
+                'no frames on /tf: tf2_msgs cannot be imported (apt: ros-jazzy-tf2-msgs)'
+            )
+        else:
+            self._transforms = self._open(kind, TF_TOPIC, TF_QOS)
         self._solver: Solver | None = None  # set by `describe`, as all writers are
 
-    def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Output:
+    def _open(self, kind: Any, topic: str, qos: QoSProfile = OUTPUT_QOS) -> Publisher:
         """Create a publisher; an impossible QoS override destroys all and is a ConfigError."""
         try:
-            output = Output(self._node, kind, topic, qos)
+            publisher = create_publisher(self._node, kind, topic, qos)
         except ConfigError:
             self._destroy()
             raise
-        self._opened.append(output)
-        return output
+        self._opened.append(publisher)
+        return publisher
 
     def close(self) -> None:
         """Destroy the publishers."""
@@ -215,8 +183,8 @@ class BackbonePublishers:
         self._destroy()
 
     def _destroy(self) -> None:
-        for output in self._opened:
-            self._node.destroy_publisher(output.publisher)
+        for publisher in self._opened:
+            self._node.destroy_publisher(publisher)
 
     def pause(self) -> None:
         """Drop the backbone that waits for the markers' timer."""
@@ -248,7 +216,7 @@ class BackbonePublishers:
     @property
     def is_tip_heard(self) -> bool:
         """Whether somebody receives the pose of the tip, with its covariance."""
-        return self._tip.is_heard
+        return is_heard(self._tip)
 
     def publish(
         self,
@@ -265,9 +233,9 @@ class BackbonePublishers:
         if covariance is not None:
             self._tip.publish(self._writer.tip_pose(backbone, covariance, *stamp))
         # Each message is published before the next one is written, for the least latency.
-        for output, write in self._written:
-            if output.is_heard:
-                output.publish(write(backbone, *stamp))
+        for publisher, write in self._written:
+            if is_heard(publisher):
+                publisher.publish(write(backbone, *stamp))
         self._drawing.publish(backbone, stamp, more)
 
     def _write_lengths(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
@@ -277,20 +245,5 @@ class BackbonePublishers:
 
     def publish_tensions(self, backbone: Backbone, stamp: Stamp) -> None:
         """Publish the tensions of all tendons, also of those driven by length."""
-        if self._estimates.is_heard:
+        if is_heard(self._estimates):
             self._estimates.publish(self._writer.tensions(backbone.tensions, *stamp))
-
-
-def frames_class(node: Node) -> Any | None:
-    """Return the class ``tf2_msgs/msg/TFMessage``; without tf2_msgs log that and return None.
-
-    tf2_msgs is in every ROS installation but has no Python wheel; ``tools/prepare.py`` builds it.
-    """
-    try:
-        from tf2_msgs.msg import TFMessage
-    except ImportError:
-        node.get_logger().warning(
-            'no frames on /tf: tf2_msgs cannot be imported (apt: ros-jazzy-tf2-msgs)'
-        )
-        return None
-    return TFMessage

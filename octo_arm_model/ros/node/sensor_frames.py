@@ -15,7 +15,7 @@ from octo_arm_model.arm.errors import MeasurementError, OctoArmError, in_short
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment.transform_tree import TransformTree
 from octo_arm_model.ros.node.inputs import LONGEST, NotKnownYet
-from octo_arm_model.ros.node.outputs import TF_QOS, TF_TOPIC
+from octo_arm_model.ros.node.outputs import TF_QOS, TF_TOPIC, TF_TYPE
 from octo_arm_model.ros.topics import create_subscription, is_overridden, message_class
 from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.wire.messages import Stamp
@@ -116,7 +116,7 @@ class SensorFrames:
             self._node.destroy_subscription(self._subscriptions.pop(TF_TOPIC))
 
     def _listen(self, topic: str, qos: QoSProfile) -> None:
-        kind, take = message_class('tf2_msgs/msg/TFMessage'), partial(self._take, topic)
+        kind, take = message_class(TF_TYPE), partial(self._take, topic)
         self._complete_at = time.monotonic() + LONGEST
         self._subscriptions[topic] = create_subscription(self._node, kind, topic, take, qos)
 
