@@ -10,10 +10,11 @@ compiles, LLVM calls Python back and loses an exception raised there: the signal
 import collections
 import contextlib
 import functools
+import queue
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from concurrent import futures
 from types import FrameType
 from typing import Any, TypeVar
@@ -101,9 +102,6 @@ def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Tim
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-Piece = Callable[[], bool | None]
-
-
 class WorkQueue:
     """A queue of pieces of work, of which the executor has at most one as its task.
 
@@ -114,13 +112,13 @@ class WorkQueue:
     def __init__(self, node: Node) -> None:
         """Do work for ``node`` while an executor spins it."""
         self._node = node
-        self._due: collections.deque[Piece] = collections.deque()
+        self._due: collections.deque[Callable[[], None]] = collections.deque()
         self._is_queued = False
         self._do = interruptible(self._do_next)
 
-    def add(self, piece: Piece) -> None:
-        """Queue ``piece``, which is queued again behind all others while it returns True."""
-        if piece not in self._due:  # a queued piece keeps its place
+    def add(self, piece: Callable[[], None]) -> None:
+        """Queue ``piece`` behind all others, unless it is queued already."""
+        if piece not in self._due:
             self._due.append(piece)
         self._queue()
 
@@ -138,17 +136,14 @@ class WorkQueue:
         self._is_queued = False
         if not self._due:
             return
-        piece = self._due.popleft()
         try:
             with until_shutdown(self._node.context):
-                if piece():
-                    self._due.append(piece)
+                self._due.popleft()()
         finally:
             self._queue()
 
 
 Result = TypeVar('Result')
-SLICE = 0.02  # [s] to wait for a long call before other work is served
 LONGEST_WAIT = 0.5  # [s] to wait for the end of an abandoned call
 
 
@@ -156,102 +151,90 @@ class _Abandoned(BaseException):
     """Raised in a function whose result is no longer needed."""
 
 
-def sliced(
-    function: Callable[[Callable[[], None]], Result], seconds: float
-) -> Generator[None, None, Result]:
-    """Wait in slices of ``seconds`` [s] for ``function(pause)``, which runs on its own thread.
+class LongCall(futures.Future[Result]):
+    """The result of ``function(pause)``, which runs on a thread and needs its own solver."""
 
-    The function needs its own solver. The generator yields between slices, and returns or raises
-    what the function does. If the generator is closed, or a signal ends a slice, the function ends
-    at its next call of ``pause``.
-    """
-    outcome: futures.Future[Result] = futures.Future()
-    is_abandoned = threading.Event()
+    def __init__(self, function: Callable[[Callable[[], None]], Result]) -> None:
+        """Start the function, which ends at its next call of ``pause`` once it is abandoned."""
+        super().__init__()
+        self._function, self._is_abandoned = function, threading.Event()
+        # A daemon thread does not keep the process alive after a signal.
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
 
-    def pause() -> None:
-        if is_abandoned.is_set():
-            raise _Abandoned
+    def abandon(self) -> None:
+        """End the call, whose result is no longer needed, and wait for its end a short time."""
+        self._is_abandoned.set()
+        self._thread.join(LONGEST_WAIT)
 
-    def run() -> None:
+    def _run(self) -> None:
         try:
-            outcome.set_result(function(pause))
+            self.set_result(self._function(self._pause))
         except BaseException as error:
-            outcome.set_exception(error)
+            self.set_exception(error)
 
-    # A daemon thread does not keep the process alive after a signal.
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    try:
-        while not futures.wait([outcome], seconds).done:
-            yield
-        return outcome.result()
-    finally:
-        is_abandoned.set()
-        thread.join(LONGEST_WAIT)
+    def _pause(self) -> None:
+        if self._is_abandoned.is_set():
+            raise _Abandoned
 
 
 MOST_WAITING = 100  # requests of one service besides the one in progress
 
-# A generator that fills in the response to a request and is suspended at every yield.
-Steps = Generator[None, None, None]
-Answer = Callable[[Any, Any], Steps]
+# Called on a thread with a request, its response and a function to be called now and then; fills
+# in the response.
+Answer = Callable[[Any, Any, Callable[[], None]], None]
 
 
 class QueuedService:
-    """A service that queues its requests and answers them later, one at a time.
+    """A service that queues its requests and answers them one at a time, on a thread of its own.
 
     An executor answers a request before it does anything else: with a hundred of them, a request
     for parameters would wait for a hundred solves.
     """
 
-    def __init__(self, node: Node, kind: Any, name: str, answer: Answer, work: WorkQueue) -> None:
+    def __init__(self, node: Node, kind: Any, name: str, answer: Answer) -> None:
         """Offer the service ``name`` of type ``kind``, whose responses have success and message.
 
-        ``answer`` fills in a response; each of its steps between yields is a piece of ``work``.
+        ``answer`` fills in a response; it needs its own solver.
         """
-        self._node, self._answer, self._work = node, answer, work
-        # Each has a request, its response and its header; the first is being answered.
-        self._waiting: collections.deque[tuple[Any, Any, Any]] = collections.deque()
-        self._steps: Steps | None = None
+        self._node, self._answer = node, answer
+        # Each has a request, its response and its header; None ends the thread.
+        self._waiting: queue.SimpleQueue[tuple[Any, Any, Any] | None] = queue.SimpleQueue()
         self._request: Any = None
         self._service = node.create_service(kind, name, self._keep)
         # Only `send_response` gets the header that identifies the request. The callback cannot be
         # a coroutine, because rclpy's events executor does not wait for one.
         self._send = self._service.send_response
         self._service.send_response = self._add  # type: ignore[method-assign]
+        self._answering = LongCall(self._answer_all)
 
     def close(self) -> None:
         """Refuse the requests that wait, and destroy the service."""
-        if self._steps is not None:
-            self._steps.close()
-        for _, response, header in self._waiting:
-            self._refuse(response, header, 'the node stops answering')
-        self._waiting.clear()
+        self._waiting.put(None)
+        self._answering.abandon()
         self._node.destroy_service(self._service)
-
-    def _refuse(self, response: Any, header: Any, reason: str) -> None:
-        response.success, response.message = False, reason
-        self._send(response, header)
 
     def _keep(self, request: Any, response: Any) -> Any:
         self._request = request
         return response
 
     def _add(self, response: Any, header: Any) -> None:
-        if len(self._waiting) > MOST_WAITING:
-            reason = f'{MOST_WAITING} requests are waiting, expected fewer at a time'
-            self._refuse(response, header, reason)
+        if self._waiting.qsize() < MOST_WAITING:
+            self._waiting.put((self._request, response, header))
             return
-        self._waiting.append((self._request, response, header))
-        if self._steps is None:
-            steps = self._steps = self._answer_all()
-            self._work.add(lambda: next(steps, self) is None)
+        reason = f'{MOST_WAITING} requests are waiting, expected fewer at a time'
+        response.success, response.message = False, reason
+        self._send(response, header)
 
-    def _answer_all(self) -> Steps:
-        while self._waiting:
-            request, response, header = self._waiting[0]
-            yield from self._answer(request, response)
-            self._waiting.popleft()
+    def _answer_all(self, pause: Callable[[], None]) -> None:
+        while (item := self._waiting.get()) is not None:
+            request, response, header = item
+            try:
+                pause()
+                self._answer(request, response, pause)
+            except _Abandoned:
+                response.success, response.message = False, 'the node stops answering'
+            except Exception:  # a fault of this package: the next requests are answered still
+                response.success, response.message = False, traceback.format_exc()
+                self._node.get_logger().error(response.message)
             self._send(response, header)
-            yield
-        self._steps = None

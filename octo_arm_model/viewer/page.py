@@ -3,7 +3,7 @@
 import copy
 import queue
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -26,7 +26,7 @@ from octo_arm_model.ros.client.client import (
     PublishedShape,
     PublishedStrains,
 )
-from octo_arm_model.ros.work import sliced
+from octo_arm_model.ros.work import LongCall
 from octo_arm_model.simulation.movements import tendon_limits
 from octo_arm_model.viewer import numbers, scene
 from octo_arm_model.viewer.commander import Commander
@@ -113,7 +113,7 @@ class Page:
         self._queue, self._is_closed = later, False
         self._solver = config.solver()
         self.commander = Commander(np.zeros(len(config.arm.tendons)))
-        self._search: Generator[None, None, Inverse] | None = None
+        self._search: LongCall[Inverse] | None = None
         self._asked = 0  # number of commands when the search began
         self._read = self._plotted = -np.inf
         self._config = config
@@ -156,7 +156,7 @@ class Page:
         """End the search and drop queued actions."""
         self._is_closed = True
         if self._search is not None:
-            self._search.close()
+            self._search.abandon()
         self._controls.close()
 
     def _later(self, action: Callable[[], None]) -> None:
@@ -263,7 +263,7 @@ class Page:
             self._search_text.content = numbers.note('searching …')
             self._asked = self.commander.commands
             if self._search is not None:
-                self._search.close()
+                self._search.abandon()
             start = self.commander.tensions.reshape(highest.shape).clip(0.0, highest)
             # The thread of the search needs its own solver.
             solver, tip = copy.copy(self._solver), np.array(target.position)
@@ -271,7 +271,7 @@ class Page:
             def find(pause: Callable[[], None]) -> Inverse:
                 return find_tensions(solver, TipPosition(tip), highest, start=start, pause=pause)
 
-            self._search = sliced(find, 0.0)
+            self._search = LongCall(find)
 
         checkbox.on_update(lambda event: self._later(show))
         target.on_update(lambda event: self._later(search))
@@ -280,17 +280,18 @@ class Page:
         """Move to what the search has found, unless a newer command has come meanwhile."""
         if (search := self._search) is None:
             return
-        self._search = None
         if self._asked != self.commander.commands:
-            search.close()
+            search.abandon()
+            self._search = None
             self._search_text.content = numbers.note('A newer command has replaced the search.')
             return
+        if not search.done():
+            return
+        self._search = None
         try:
-            next(search)
-            self._search = search
-        except StopIteration as end:
-            self._search_text.content = numbers.search_result(end.value)
-            self.commander.move(end.value.backbone.tensions, now, _APPROACH)
+            found = search.result()
+            self._search_text.content = numbers.search_result(found)
+            self.commander.move(found.backbone.tensions, now, _APPROACH)
         except OctoArmError as error:
             self._search_text.content = numbers.error_text(error)
 

@@ -28,7 +28,7 @@ from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.node.server import Prepared, Server
 from octo_arm_model.ros.topics import decoded, pose_message, tensions_message, wrench_values
-from octo_arm_model.ros.work import SLICE, QueuedService, Steps, sliced
+from octo_arm_model.ros.work import QueuedService
 from octo_arm_model.wire.backbone import TIP_POSE, BackboneWriter
 from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENDON_TENSIONS, read_displacements
@@ -153,15 +153,14 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         self._diagnostics.is_used = self._is_used
 
     def _open(self) -> None:
-        node, work = self._node, self._inputs.work
         self._inputs.subscribe(JointState, DISPLACEMENTS, partial(self._on_motors, ''))
         # Only tensions are answered: a wrench that a newer one replaces does not count as skipped.
         self._wrench = self._inputs.subscribe(
             WrenchStamped, 'tip_wrench', self._tip_wrench.take, is_answered=False
         )
         self._services = [
-            QueuedService(node, Solve, 'solve', self._on_solve, work),
-            QueuedService(node, FindTensions, 'find_tensions', self._on_find_tensions, work),
+            QueuedService(self._node, Solve, 'solve', self._on_solve),
+            QueuedService(self._node, FindTensions, 'find_tensions', self._on_find_tensions),
         ]
 
     def _close(self) -> None:
@@ -238,9 +237,11 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         displacements = read_displacements(message, config.arm, config.encoders, field)
         self._publish_shape(topic, stamp_of(message), displacements=displacements)
 
-    def _on_solve(self, request: Solve.Request, response: Solve.Response) -> Steps:
-        yield from ()  # needs no pieces: the budget bounds a single solve
-        solver, frame = self._arm.solver, self._arm.config.base_frame
+    def _on_solve(
+        self, request: Solve.Request, response: Solve.Response, pause: Callable[[], None]
+    ) -> None:
+        arm = self._arm  # another one may take its place meanwhile
+        solver, frame = arm.apart, arm.config.base_frame
         try:
             tensions = TENDON_TENSIONS.read(request.tensions, solver.arm)
             wrench = wrench_values(request.tip_wrench)
@@ -259,20 +260,20 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         response.iterations = int(backbone.iterations)
 
     def _on_find_tensions(
-        self, request: FindTensions.Request, response: FindTensions.Response
-    ) -> Steps:
-        # The solver is copied because the node uses its own meanwhile.
-        solver, frame = copy.copy(self._arm.solver), self._arm.config.base_frame
+        self,
+        request: FindTensions.Request,
+        response: FindTensions.Response,
+        pause: Callable[[], None],
+    ) -> None:
+        arm = self._arm
+        solver, frame = copy.copy(arm.solver), arm.config.base_frame
         now = self._node.get_clock().now().to_msg()
         try:
             axis, stiffness = request.stiffness_direction, None
             if request.stiffness != 0.0:
                 stiffness = Stiffness(np.array([axis.x, axis.y, axis.z]), request.stiffness)
-            arguments = _target(request), _highest(request, solver)
-            inverse = yield from sliced(
-                lambda pause: find_tensions(solver, *arguments, stiffness=stiffness, pause=pause),
-                SLICE,
-            )
+            arguments = solver, _target(request), _highest(request, solver)
+            inverse = find_tensions(*arguments, stiffness=stiffness, pause=pause)
         except OctoArmError as error:
             response.success, response.message = False, str(error)
             return

@@ -160,13 +160,13 @@ class Inputs:
         if self._waiting:
             self.work.add(self._read_next)
 
-    def _read_next(self) -> bool:
-        """Read the oldest message whose needs are known; return whether there was one."""
+    def _read_next(self) -> None:
+        """Read the oldest message whose needs are known, and look again if there was one."""
         ready = next((message for message in self._waiting if message.error.is_known()), None)
         if ready is not None:
             self._waiting.remove(ready)
             self.attempt(ready.topic, ready.read, 0)
-        return ready is not None
+            self.look_again()
 
     def _expire(self) -> None:
         while self._waiting and self._waiting[0].until < time.monotonic():

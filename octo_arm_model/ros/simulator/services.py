@@ -25,13 +25,14 @@ from std_srvs.srv import SetBool, Trigger
 from octo_arm_model.arm.errors import LoadError, OctoArmError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.topics import create_publisher
-from octo_arm_model.ros.work import SLICE, steady_timer, until_shutdown
+from octo_arm_model.ros.work import steady_timer, until_shutdown
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.pushed_arm import Push
 from octo_arm_model.simulation.simulator import Course, SimulatorConfig
 
 TOPIC = '/clock'
-_SLICE_PERIOD = 1e-3  # [s] from one slice of steps to the next, with time for other callbacks
+# A slice of steps, and the time from one to the next, with time for other callbacks [s].
+_SLICE, _SLICE_PERIOD = 0.02, 1e-3
 _QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -108,7 +109,7 @@ class SimulationClock:
             self._advance(max(elapsed_ns, 0), clock_time)
 
     def _run_freely(self) -> None:
-        until = time.monotonic() + (0.0 if self._course.real_time_factor else SLICE)
+        until = time.monotonic() + (0.0 if self._course.real_time_factor else _SLICE)
         while not self.is_paused:
             self.step()
             if time.monotonic() >= until:
