@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
@@ -179,11 +178,7 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
                 paths, counts, self._is_each_compressed, self.metadata = read_metadata(place)
             elif place.is_dir():
                 paths = self._files_without_metadata(place)
-            folder = Path(resources.enter_context(tempfile.TemporaryDirectory()))
-            self._files: list[storages.File] = []
-            for part in paths:
-                self._files.append(storages.open_file(part, folder))
-                resources.callback(self._files[-1].close)
+            self._files = [storages.open_file(part, resources) for part in paths]
             self._scan(counts)
             self._resources = resources.pop_all()
 
@@ -296,10 +291,9 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
         keys, read = self._keys(topics), Counter[Key]()
         selected = {topic for topic, _ in keys}
         with self._damage_errors():
-            sources = [
-                storages.Source(file.start_ns, functools.partial(file.messages, selected))
-                for file in self._files
-            ]
+            sources = (
+                (file.start_ns, functools.partial(file.messages, selected)) for file in self._files
+            )
             for connection, received_ns, data in storages.in_order(sources, _MOST_TOGETHER):
                 topic, type_name = key = connection.topic, connection.msgtype
                 read[key] += 1

@@ -4,17 +4,20 @@ Nothing that a file states is trusted: records must fit into it, chunks must exp
 size, and messages are counted and compared with its summary.
 """
 
-import functools
 import heapq
 import io
 import itertools
 import stat
 import struct
 import sys
+import tempfile
 import urllib.parse
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import ExitStack
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -47,7 +50,7 @@ _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _STATISTICS = 2, 3, 4
 _MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, times of receipt and of publication
 _CHUNK_HEAD = struct.Struct('<QQQI')  # first and last time, size when expanded, its checksum
 _FOOTER_FIELDS = struct.Struct('<QQI')  # summary, its offsets, its checksum
-_STATISTICS_HEAD = struct.Struct('<QHIIIIQQI')  # messages, ..., chunks at 5; bytes of counts
+_STATISTICS_HEAD = '<QHIIIIQQI'  # messages, ..., chunks at 5; bytes of counts
 _RECOVER = '`mcap recover` saves what is whole of a file that was cut short'
 _STEPS = 100_000  # instructions of SQLite between checks for a signal
 _FORMATS = {
@@ -55,7 +58,10 @@ _FORMATS = {
     'ros2idl': MessageDefinitionFormat.IDL,
     'omgidl': MessageDefinitionFormat.IDL,
 }
+_UNDEFINED = MessageDefinition(MessageDefinitionFormat.NONE, '')
 Found = tuple[Connection, int, bytes]  # connection, time of receipt [ns], and bytes of a message
+# Messages in the order of receipt, none of them received before a time [ns].
+Source = tuple[int, Callable[[], Iterator[Found]]]
 
 
 def check_file(path: Path) -> None:
@@ -90,13 +96,10 @@ def checked_yaml(text: str, label: str) -> Any:
 
 def _expand_file(path: Path, folder: Path) -> Path:
     """Expand a file compressed by zstd into ``folder``; ValueError if it expands too much."""
-    check_file(path)
-    expanded = folder / path.stem
-    with expanded.open('wb') as out:
-        _copy(
-            zstd.open(path, 'rb'), out, _FILE_RATIO * path.stat().st_size + _FILE_MORE, path.name
-        )
-    return expanded
+    most = _FILE_RATIO * path.stat().st_size + _FILE_MORE
+    with (folder / path.stem).open('wb') as out:
+        _copy(zstd.open(path, 'rb'), out, most, path.name)
+    return folder / path.stem
 
 
 def expand_message(data: bytes) -> bytes:
@@ -118,37 +121,28 @@ def _copy(stream: Any, out: BinaryIO, limit: int, label: str) -> None:
                 raise ValueError(f'{label} expands to more than {limit} bytes')
 
 
-class Source(NamedTuple):
-    """Messages in the order of receipt, none of them received before ``start`` [ns]."""
-
-    start: int
-    open: Callable[[], Iterator[Found]]
-
-
-def in_order(sources: Sequence[Source], limit: int | None = None) -> Iterator[Found]:
+def in_order(sources: Iterable[Source], limit: int | None = None) -> Iterator[Found]:
     """Merge the messages of ``sources`` in the order of receipt; each is open only when needed.
 
     Raises:
         ValueError: if more than ``limit`` would be open together.
     """
-    waiting = sorted(sources, key=lambda source: source.start)[::-1]
-    # The next message of each open source, with its time and the number of the source.
-    heads: list[tuple[int, int, Found, Iterator[Found]]] = []
-    number = 0
-    while waiting or heads:
-        while waiting and (not heads or waiting[-1].start <= heads[0][0]):
-            messages, number = waiting.pop().open(), number + 1
-            for entry in itertools.islice(messages, 1):
-                heapq.heappush(heads, (entry[1], number, entry, messages))
-            if limit is not None and len(heads) > limit:
-                raise ValueError(f'more than {limit} files hold messages of the same time')
-        if heads:
-            _, source_number, message, messages = heads[0]
-            yield message
-            if (following := next(messages, None)) is None:
-                heapq.heappop(heads)
-            else:
-                heapq.heapreplace(heads, (following[1], source_number, following, messages))
+    count = 0
+
+    def messages(source: Source) -> Iterator[tuple[Connection | None, int, bytes]]:
+        nonlocal count
+        start, open_source = source
+        yield None, start, b''  # the source is opened when this is the next of all
+        count += 1
+        if limit is not None and count > limit:
+            raise ValueError(f'more than {limit} files hold messages of the same time')
+        yield from open_source()
+        count -= 1
+
+    ordered = sorted(sources, key=itemgetter(0))
+    for connection, time, data in heapq.merge(*map(messages, ordered), key=itemgetter(1)):
+        if connection is not None:
+            yield connection, time, data
 
 
 class _Fields:
@@ -157,16 +151,20 @@ class _Fields:
     def __init__(self, data: bytes) -> None:
         self.data, self.place = data, 0
 
-    def take(self, layout: struct.Struct) -> tuple[Any, ...]:
-        self.place += layout.size
-        return layout.unpack_from(self.data, self.place - layout.size)
+    def take(self, layout: str) -> tuple[Any, ...]:
+        values = struct.unpack_from(layout, self.data, self.place)
+        self.place += struct.calcsize(layout)
+        return values
 
-    def text(self) -> str:
-        (length,) = self.take(struct.Struct('<I'))
+    def bytes(self, layout: str = '<I') -> bytes:
+        (length,) = self.take(layout)
         self.place += length
         if self.place > len(self.data):
-            raise ValueError(f'a text of {length} bytes, more than its record has')
-        return self.data[self.place - length : self.place].decode()
+            raise ValueError(f'a field of {length} bytes, more than its record has')
+        return self.data[self.place - length : self.place]
+
+    def text(self) -> str:
+        return self.bytes().decode()
 
 
 class _Chunk(NamedTuple):
@@ -177,10 +175,37 @@ class _Chunk(NamedTuple):
     size: int  # when it is expanded
 
 
+def _read_at(file: BinaryIO, place: int, length: int) -> bytes:
+    file.seek(place)
+    data = file.read(length)
+    if len(data) < length:
+        raise ValueError(f'it ends within {length} bytes at byte {place}')
+    return data
+
+
+def _records(file: BinaryIO, place: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Iterate over kind, place and length of the records of a ``file`` from ``place`` to ``end``.
+
+    ValueError is raised if one does not fit.
+    """
+    while place < end:
+        start = place
+        file.seek(start)
+        head = file.read(_RECORD.size)
+        kind, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, end)
+        place += _RECORD.size + length
+        if place > end:
+            raise ValueError(
+                f'the record at byte {start} claims {length} bytes, too many; {_RECOVER}'
+            )
+        yield kind, start + _RECORD.size, length
+
+
 class McapFile:
     """An MCAP file.
 
     Attributes:
+        path: path of the file.
         connections: connections of the topics.
         start_ns: time of receipt of the first message [ns].
         stop_ns: time of receipt of the last message [ns].
@@ -189,62 +214,21 @@ class McapFile:
 
     missing = 0
 
-    def __init__(self, path: Path) -> None:
-        """Open the file at ``path``.
+    def __init__(self, path: Path, resources: ExitStack) -> None:
+        """Open the file at ``path``, which is closed with the ``resources``.
 
         Raises:
             ValueError: if it is damaged, or needs more memory than is allowed.
         """
-        check_file(path)
-        self.path, self._size = path, path.stat().st_size
-        self._file: BinaryIO = path.open('rb')
+        self.path = path
+        self._file: BinaryIO = resources.enter_context(path.open('rb'))
+        self._end = path.stat().st_size - len(_MAGIC)
         self._chunks: list[_Chunk] = []
         self._outer_times: list[int] = []  # of the first and last message outside of chunks
         self._schemas: dict[int, tuple[str, MessageDefinition]] = {}
         self._channels: dict[int, Connection] = {}
-        try:
-            self._scan()
-        except BaseException:
-            self.close()
-            raise
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def messages(self, topics: Collection[str]) -> Iterator[Found]:
-        """Iterate over messages of ``topics`` in order of receipt; ValueError if damaged."""
-        sources = [
-            Source(chunk.start, functools.partial(self._in_chunk, chunk, topics))
-            for chunk in self._chunks
-        ]
-        if self._outer_times:
-            sources.append(
-                Source(self._outer_times[0], functools.partial(self._unchunked, topics))
-            )
-        return in_order(sources)
-
-    def _scan(self) -> None:
-        """Find the chunks, topics and numbers of messages."""
-        statistics: bytes | None = None
-        counts = Counter[int]()
-        for kind, place, length in self._records():
-            if kind == _CHUNK:
-                header = _CHUNK_HEAD.unpack(self._bytes(place, _CHUNK_HEAD.size))
-                check_size(header[2], f'the chunk at byte {place - _RECORD.size}')
-                self._chunks.append(_Chunk(place, length, *header[:3]))
-            elif kind == _MESSAGE:
-                channel, _, time, _ = _MESSAGE_HEAD.unpack(self._bytes(place, _MESSAGE_HEAD.size))
-                counts[channel] += 1
-                if time < (self._outer_times or [0])[-1]:
-                    raise ValueError('messages outside of chunks are not in the order of receipt')
-                self._outer_times = [*self._outer_times[:1], time]
-            elif kind == _STATISTICS:
-                statistics = self._bytes(place, length)
-            else:
-                self._read_definition(kind, self._bytes(place, length))
+        stated, counts = self._scan()
         self._check_overlap()
-        stated = None if statistics is None else self._stated_counts(statistics)
         if stated is None or not stated.keys() <= self._channels.keys():
             counts += self._scan_chunks()
             stated = stated or counts
@@ -256,14 +240,107 @@ class McapFile:
         times = [*self._outer_times, *(time for one in self._chunks for time in one[2:4])]
         self.start_ns, self.stop_ns = min(times, default=0), max(times, default=0)
 
+    def messages(self, topics: Collection[str]) -> Iterator[Found]:
+        """Iterate over messages of ``topics`` in order of receipt; ValueError if damaged."""
+        sources: list[Source] = [
+            (chunk.start, partial(self._in_chunk, chunk, topics)) for chunk in self._chunks
+        ]
+        if self._outer_times:
+            unchunked = partial(self._messages, self._file, len(_MAGIC), self._end, topics)
+            sources.append((self._outer_times[0], unchunked))
+        return in_order(sources)
+
+    def _scan(self) -> tuple[Counter[int] | None, Counter[int]]:
+        """Find chunks and topics; return the counts of the summary, and of messages out of chunks.
+
+        ValueError is raised if a record or a checksum is wrong, or the summary contradicts itself.
+        """
+        stated: Counter[int] | None = None
+        counts = Counter[int]()
+        if _read_at(self._file, 0, len(_MAGIC)) != _MAGIC:
+            raise ValueError('it does not begin like an MCAP file')
+        kind = place = length = 0
+        for kind, place, length in _records(self._file, len(_MAGIC), self._end):
+            where = f'at byte {place - _RECORD.size}'
+            if kind != _ATTACHMENT:
+                check_size(length, f'the record {where}')
+            if kind == _CHUNK:
+                header = _CHUNK_HEAD.unpack(_read_at(self._file, place, _CHUNK_HEAD.size))
+                check_size(header[2], f'the chunk {where}')
+                self._chunks.append(_Chunk(place, length, *header[:3]))
+            elif kind == _MESSAGE:
+                head = _read_at(self._file, place, _MESSAGE_HEAD.size)
+                channel, _, time, _ = _MESSAGE_HEAD.unpack(head)
+                counts[channel] += 1
+                if time < (self._outer_times or [0])[-1]:
+                    raise ValueError('messages outside of chunks are not in the order of receipt')
+                self._outer_times = [*self._outer_times[:1], time]
+            elif kind == _STATISTICS:
+                stated = self._stated_counts(_Fields(_read_at(self._file, place, length)))
+            elif kind in (_SCHEMA, _CHANNEL):
+                self._define(kind, _Fields(_read_at(self._file, place, length)))
+        self._check_footer(kind, place, length)
+        return stated, counts
+
+    def _check_footer(self, kind: int, place: int, length: int) -> None:
+        """Check the last record, and the checksum of the summary that is in it."""
+        if kind != _FOOTER or length != _FOOTER_FIELDS.size:
+            raise ValueError(f'its last record is no footer; {_RECOVER}')
+        summary, _, expected = _FOOTER_FIELDS.unpack(_read_at(self._file, place, length))
+        if not (summary and expected):
+            return
+        end, checksum = self._end - 4, 0
+        for start in range(summary, end, _PART):
+            part = _read_at(self._file, start, min(_PART, end - start))
+            checksum = zlib.crc32(part, checksum)
+        if checksum != expected:
+            raise ValueError('the checksum of its summary does not match')
+
+    def _stated_counts(self, fields: _Fields) -> Counter[int]:
+        """Return the counts of a summary by channel; ValueError if it contradicts itself."""
+        count, *_, chunks, _, _, length = fields.take(_STATISTICS_HEAD)
+        if chunks != len(self._chunks):
+            raise ValueError(f'its summary has {chunks} chunks, and it has {len(self._chunks)}')
+        pair = '<HQ'
+        pairs = (fields.take(pair) for _ in range(length // struct.calcsize(pair)))
+        counts = Counter({channel: number for channel, number in pairs})
+        if counts.total() != count:
+            raise ValueError(f'its summary has {count} messages, and {counts.total()} of topics')
+        return counts
+
+    def _define(self, kind: int, fields: _Fields) -> None:
+        """Read a schema or a channel."""
+        (number,) = fields.take('<H')
+        if kind == _SCHEMA:
+            name, encoding, text = fields.text(), fields.text(), fields.text()
+            form = _FORMATS.get(encoding, MessageDefinitionFormat.NONE)
+            self._schemas[number] = name, MessageDefinition(form, text)
+            return
+        (schema,) = fields.take('<H')
+        topic, encoding = fields.text(), fields.text()
+        if encoding != 'cdr':
+            raise ValueError(f'{shown(topic)} is in {shown(encoding)}, expected cdr')
+        metadata, more = _Fields(fields.bytes()), {}
+        while metadata.place < len(metadata.data):
+            key = metadata.text()
+            more[key] = metadata.text()
+        type_name, definition = self._schemas.get(schema, ('__schemaless__', _UNDEFINED))
+        digest, qos = more.get('topic_type_hash', ''), more.get('offered_qos_profiles', '')
+        self._channels[number] = Connection(
+            number, topic, type_name, definition, digest, 0, _extension(qos), self
+        )
+
     def _scan_chunks(self) -> Counter[int]:
         """Find the topics in chunks, and return the number of messages of each channel."""
         counts = Counter[int]()
         for chunk in self._chunks:
-            for kind, data in _records_in(self._expand_chunk(chunk)):
-                self._read_definition(kind, data)
+            file = io.BytesIO(self._expanded(chunk))
+            for kind, place, length in _records(file, 0, chunk.size):
+                data = _read_at(file, place, length)
                 if kind == _MESSAGE:
                     counts[_MESSAGE_HEAD.unpack_from(data)[0]] += 1
+                elif kind in (_SCHEMA, _CHANNEL):
+                    self._define(kind, _Fields(data))
         return counts
 
     def _check_overlap(self) -> None:
@@ -275,94 +352,11 @@ class McapFile:
                 f'chunks of more than {LARGEST_OVERLAP} bytes in all are of the same time'
             )
 
-    def _records(self) -> Iterator[tuple[int, int, int]]:
-        """Iterate over kind, place and length of records; ValueError if one does not fit."""
-        if self._bytes(0, len(_MAGIC)) != _MAGIC:
-            raise ValueError('it does not begin like an MCAP file')
-        place, end = len(_MAGIC), self._size - len(_MAGIC)
-        kind = start = length = 0
-        while place < end:
-            start = place
-            head = self._bytes(place, min(_RECORD.size, self._size - place))
-            kind, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, self._size)
-            place += _RECORD.size + length
-            if place > end:
-                raise ValueError(
-                    f'the record at byte {start} claims {length} bytes, too many; {_RECOVER}'
-                )
-            if kind != _ATTACHMENT:
-                check_size(length, f'the record at byte {start}')
-            if kind in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS):
-                yield kind, start + _RECORD.size, length
-        if kind != _FOOTER or length != _FOOTER_FIELDS.size:
-            raise ValueError(f'its last record is no footer; {_RECOVER}')
-        footer = self._bytes(start + _RECORD.size, length)
-        summary, _, checksum = _FOOTER_FIELDS.unpack(footer)
-        if summary and checksum and checksum != self._checksum(summary, end - 4):
-            raise ValueError('the checksum of its summary does not match')
-
-    def _checksum(self, start: int, end: int) -> int:
-        """Return the CRC-32 of the bytes from ``start`` to ``end``."""
-        checksum = 0
-        for place in range(start, end, _PART):
-            checksum = zlib.crc32(self._bytes(place, min(_PART, end - place)), checksum)
-        return checksum
-
-    def _bytes(self, place: int, length: int) -> bytes:
-        self._file.seek(place)
-        data = self._file.read(length)
-        if len(data) < length:
-            raise ValueError(f'it ends within {length} bytes at byte {place}')
-        return data
-
-    def _read_definition(self, kind: int, data: bytes) -> None:
-        """Read a schema or a channel, and ignore records of other kinds."""
-        fields = _Fields(data)
-        if kind == _SCHEMA:
-            (number,) = fields.take(struct.Struct('<H'))
-            name, encoding, text = fields.text(), fields.text(), fields.text()
-            form = _FORMATS.get(encoding, MessageDefinitionFormat.NONE)
-            self._schemas[number] = name, MessageDefinition(form, text)
-        elif kind == _CHANNEL:
-            number, schema = fields.take(struct.Struct('<HH'))
-            topic, encoding = fields.text(), fields.text()
-            if encoding != 'cdr':
-                raise ValueError(f'{shown(topic)} is in {shown(encoding)}, expected cdr')
-            (length,) = fields.take(struct.Struct('<I'))
-            more, end = {}, min(len(data), fields.place + length)
-            while fields.place < end:
-                key = fields.text()
-                more[key] = fields.text()
-            none = '__schemaless__', MessageDefinition(MessageDefinitionFormat.NONE, '')
-            self._channels[number] = _connection(
-                number,
-                topic,
-                *self._schemas.get(schema, none),
-                more.get('topic_type_hash', ''),
-                0,
-                more.get('offered_qos_profiles', ''),
-                self,
-            )
-
-    def _stated_counts(self, statistics: bytes) -> Counter[int]:
-        """Return the counts of the summary by channel; ValueError if it contradicts itself."""
-        fields = _Fields(statistics)
-        count, *_, chunks, _, _, length = fields.take(_STATISTICS_HEAD)
-        if chunks != len(self._chunks):
-            raise ValueError(f'its summary has {chunks} chunks, and it has {len(self._chunks)}')
-        pairs = struct.Struct('<HQ')
-        counts = Counter(dict(fields.take(pairs) for _ in range(length // pairs.size)))
-        if counts.total() != count:
-            raise ValueError(f'its summary has {count} messages, and {counts.total()} of topics')
-        return counts
-
-    def _expand_chunk(self, chunk: _Chunk) -> bytes:
+    def _expanded(self, chunk: _Chunk) -> bytes:
         """Return the records of a ``chunk``, expanded."""
-        fields = _Fields(self._bytes(chunk.place, chunk.length))
-        *_, checksum = fields.take(_CHUNK_HEAD)
-        compression = fields.text()
-        (length,) = fields.take(struct.Struct('<Q'))
-        stored = fields.data[fields.place : fields.place + length]
+        fields = _Fields(_read_at(self._file, chunk.place, chunk.length))
+        *_, checksum = fields.take(_CHUNK_HEAD.format)
+        compression, stored = fields.text(), fields.bytes('<Q')
         if compression == 'zstd':
             stored = _read(zstd.open(io.BytesIO(stored), 'rb'), chunk.size, 'a chunk')
         elif compression == 'lz4':
@@ -376,16 +370,17 @@ class McapFile:
         return stored
 
     def _in_chunk(self, chunk: _Chunk, topics: Collection[str]) -> Iterator[Found]:
-        records = _records_in(self._expand_chunk(chunk))
-        messages = (data for kind, data in records if kind == _MESSAGE)
-        return iter(sorted(self._messages(messages, topics), key=lambda m: m[1]))
+        found = self._messages(io.BytesIO(self._expanded(chunk)), 0, chunk.size, topics)
+        return iter(sorted(found, key=itemgetter(1)))
 
-    def _unchunked(self, topics: Collection[str]) -> Iterator[Found]:
-        records = (record for record in self._records() if record[0] == _MESSAGE)
-        return self._messages((self._bytes(*where) for _, *where in records), topics)
-
-    def _messages(self, records: Iterator[bytes], topics: Collection[str]) -> Iterator[Found]:
-        for data in records:
+    def _messages(
+        self, file: BinaryIO, place: int, end: int, topics: Collection[str]
+    ) -> Iterator[Found]:
+        """Iterate over messages of ``topics`` in a ``file``, from ``place`` to ``end``."""
+        for kind, at, length in _records(file, place, end):
+            if kind != _MESSAGE:
+                continue
+            data = _read_at(file, at, length)
             channel, _, time, _ = _MESSAGE_HEAD.unpack_from(data)
             if (connection := self._channels.get(channel)) is None:
                 raise ValueError('a message of a topic that it does not have')
@@ -393,46 +388,24 @@ class McapFile:
                 yield connection, time, data[_MESSAGE_HEAD.size :]
 
 
-def _records_in(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Iterate over kind and content of the records of a chunk; ValueError if one does not fit."""
-    place = 0
-    while place < len(data):
-        kind, length = _RECORD.unpack_from(data, place)
-        place += _RECORD.size
-        if length > len(data) - place:
-            raise ValueError(f'a record of a chunk claims {length} bytes, too many')
-        yield kind, data[place : place + length]
-        place += length
-
-
-def _connection(  # noqa: PLR0913 - the fields of a Connection
-    number: int,
-    topic: str,
-    type_name: str,
-    definition: MessageDefinition,
-    digest: str,
-    count: int,
-    qos: str,
-    owner: Any,
-) -> Connection:
-    profiles = parse_qos(checked_yaml(qos, 'offered_qos_profiles') or [])
-    extension = ConnectionExtRosbag2('cdr', profiles)
-    return Connection(number, topic, type_name, definition, digest, count, extension, owner)
+def _extension(qos: str) -> ConnectionExtRosbag2:
+    """Return what only bags of ROS 2 have, from their text of QoS profiles."""
+    return ConnectionExtRosbag2('cdr', parse_qos(checked_yaml(qos, 'offered_qos_profiles') or []))
 
 
 class Sqlite3File:
     """An SQLite file without damage, in which every message has a known topic.
 
     Attributes:
+        path: path of the file.
         connections: connections of the topics.
         start_ns: time of receipt of the first message [ns].
         stop_ns: time of receipt of the last message [ns].
         missing: number of messages that are missing by their numbers.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Open the file at ``path``; ValueError if it is damaged."""
-        check_file(path)
+    def __init__(self, path: Path, resources: ExitStack) -> None:
+        """Open the file at ``path``, closed with the ``resources``; ValueError if damaged."""
         for ending in ('-wal', '-journal'):
             beside = path.with_name(path.name + ending)
             if beside.exists() and beside.stat().st_size:
@@ -444,19 +417,12 @@ class Sqlite3File:
         flags = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
         name = f'file:{urllib.parse.quote(str(path))}?immutable=1'
         self._data = apsw.Connection(name, flags=flags)
-        try:
-            # Ctrl-C can end queries, and no value can be too large for memory.
-            self._data.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
-            self._data.set_progress_handler(lambda: False, _STEPS)
-            self._check()
-            self.connections = list(self._topics())
-        except BaseException:
-            self.close()
-            raise
-
-    def close(self) -> None:
-        """Close the file."""
-        self._data.close()
+        resources.callback(self._data.close)
+        # Ctrl-C can end queries, and no value can be too large for memory.
+        self._data.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
+        self._data.set_progress_handler(lambda: False, _STEPS)
+        self._check()
+        self.connections = list(self._topics())
 
     def messages(self, topics: Collection[str]) -> Iterator[Found]:
         """Iterate over messages of ``topics`` in the order of receipt."""
@@ -512,7 +478,6 @@ class Sqlite3File:
             ):
                 form = _FORMATS.get(encoding, MessageDefinitionFormat.NONE)
                 texts[name] = MessageDefinition(form, text)
-        none = MessageDefinition(MessageDefinitionFormat.NONE, '')
         extra = ('offered_qos_profiles', 'type_description_hash')
         columns = ', '.join(name if name in tables['topics'] else "''" for name in extra)
         counts = 'SELECT count(*) FROM messages WHERE topic_id = topics.id'
@@ -524,22 +489,23 @@ class Sqlite3File:
                 raise ValueError(f'topic {number} is of other types than a recorder writes')
             if form != 'cdr':
                 raise ValueError(f'{shown(topic)} is in {shown(form)}, expected cdr')
-            yield _connection(number, topic, kind, texts.get(kind, none), digest, count, qos, self)
+            definition = texts.get(kind, _UNDEFINED)
+            yield Connection(number, topic, kind, definition, digest, count, _extension(qos), self)
 
 
 File = McapFile | Sqlite3File
 
 
-def open_file(path: Path, folder: Path) -> File:
-    """Open the storage at ``path``; expand it into ``folder`` if it is compressed.
+def open_file(path: Path, resources: ExitStack) -> File:
+    """Open the storage at ``path``, expanded if it is compressed; ``resources`` close it.
 
     Raises:
         ValueError: if it is not a storage, or is damaged.
     """
     check_file(path)
     if path.suffix == '.zstd':
-        path = _expand_file(path, folder)
-    kinds: dict[str, Callable[[Path], File]] = {'.mcap': McapFile, '.db3': Sqlite3File}
+        path = _expand_file(path, Path(resources.enter_context(tempfile.TemporaryDirectory())))
+    kinds: dict[str, Callable[[Path, ExitStack], File]] = {'.mcap': McapFile, '.db3': Sqlite3File}
     if path.suffix not in kinds:
         raise ValueError(f'{path.name} is neither a .mcap nor a .db3 file')
-    return kinds[path.suffix](path)
+    return kinds[path.suffix](path, resources)

@@ -4,9 +4,12 @@ Axes are those of the paper's fixed frame: the base is at the origin with t = (1
 n = (0, -1, 0) and b = (0, 0, -1).
 """
 
+import io
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -34,8 +37,9 @@ LINES: dict[str, dict[str, Any]] = {
     'exact': {'color': '#0072b2', 'linewidth': 1.2},
 }
 _BODY = '0.88'
+_WIDTH = 6.7  # width of the text of the page [in], which is A4 less its margins
 _LEGEND = 0.33  # height of the legend above the axes [in]
-STYLE: Any = {
+_STYLE: Any = {
     'font.family': 'STIXGeneral',
     'mathtext.fontset': 'stix',
     'font.size': 8.5,
@@ -55,6 +59,31 @@ STYLE: Any = {
     # Identifiers in SVG files are derived from this salt, so that equal figures give equal files.
     'svg.hashsalt': 'octo_arm_model',
 }
+
+
+# Caption of each figure, and what returns it as SVG, by name in the order of the paper.
+FIGURES: dict[str, tuple[str, Callable[[], bytes]]] = {}
+_Draw = Callable[[Figure], None]
+
+
+def _figure(height: float, caption: str) -> Callable[[_Draw], _Draw]:
+    """Return a decorator that adds a figure [in], which the decorated function draws."""
+
+    def as_svg(draw: _Draw) -> bytes:
+        with matplotlib.rc_context(_STYLE):
+            figure, file = Figure(figsize=(_WIDTH, height)), io.BytesIO()
+            draw(figure)
+            _add_legend(figure)
+            # The date is left out, so that the same figure gives the same file.
+            figure.savefig(file, format='svg', metadata={'Date': None})
+        return file.getvalue()
+
+    def add(draw: _Draw) -> _Draw:
+        name = draw.__name__.replace('figure_', 'Figure ')
+        FIGURES[name] = caption, partial(as_svg, draw)
+        return draw
+
+    return add
 
 
 def _draw(
@@ -132,6 +161,11 @@ def _add_legend(figure: Figure) -> None:
     figure.legend(handles.values(), handles.keys(), loc='upper center', ncols=len(handles), **look)
 
 
+@_figure(
+    2.9,
+    'Arm of section 5.1, one cable; the body is true to scale, the tensions above the panels are '
+    'ours.',
+)
 def figure_8(figure: Figure) -> None:
     """Draw the arm of section 5.1 at tensions of our choice."""
     grid = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -139,9 +173,9 @@ def figure_8(figure: Figure) -> None:
         _draw_body(axes, 'fem', tables.one_cable(tension))
         axes.set(title=f'$T_{{11}}$ = {tension:g} N', xlabel='x [mm]', ylabel='y [mm]')
         axes.label_outer()
-    _add_legend(figure)
 
 
+@_figure(2.75, 'Left, the prototype at 3 N. Right, at each tension of Table 1.')
 def figure_9(figure: Figure) -> None:
     """Draw the prototype of section 5.2 at 3 N and at the tensions of Table 1."""
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -157,9 +191,13 @@ def figure_9(figure: Figure) -> None:
     right.set(title='Table 1: $T_{11}$ [N] at the tip', aspect='equal')
     for axes in (left, right):
         axes.set(xlabel='x [mm]', xlim=(-12.0, 292.0), ylim=(-178.0, 25.0))
-    _add_legend(figure)
 
 
+@_figure(
+    4.75,
+    'Bending planes and the ratios of the cables’ tensions, seen from the tip: the arm of '
+    'Table 2, amplitude 1 N, section 1.',
+)
 def figure_10(figure: Figure) -> None:
     """Draw bending planes, with the ratio of the tensions of each."""
     axes, reach = figure.subplots(), 0.0
@@ -177,7 +215,6 @@ def figure_10(figure: Figure) -> None:
     axes.set(xlabel='along $b$ [mm]', xlim=(-1.68 * reach, 1.68 * reach), xticks=ticks)
     axes.set(ylabel='along $-n$ [mm]', ylim=(-1.5 * reach, 1.5 * reach), yticks=ticks)
     axes.set_aspect('equal')
-    _add_legend(figure)
 
 
 def _ratio_of(plane: int) -> str:
@@ -191,6 +228,7 @@ def _ratio_of(plane: int) -> str:
     return f'${":".join(names.values())}={ratio}$'
 
 
+@_figure(4.4, 'Three planes of bending, tensions of Table 3: in space, and seen from the tip.')
 def figure_11(figure: Figure) -> None:
     """Draw three planes of bending, in space and seen from the tip."""
     for column, (panel, tensions) in enumerate(BENDING.items()):
@@ -210,9 +248,9 @@ def figure_11(figure: Figure) -> None:
             axes.set_ylabel('along $-n$ [mm]', labelpad=0)
         else:
             axes.tick_params(labelleft=False)
-    _add_legend(figure)
 
 
+@_figure(3.3, 'Degrees of freedom along the arm of Figure 11(A). By all models the torsion is 0.')
 def figure_12(figure: Figure) -> None:
     """Draw the degrees of freedom along the arm of Figure 11(A)."""
     grid = figure.subplots(2, 2, sharex=True)
@@ -229,17 +267,20 @@ def figure_12(figure: Figure) -> None:
         axes.set(xlabel='s [mm]', ylabel=label, xlim=(0.0, shape.s[-1] * 1e3))
     grid[0, 0].set(xlabel='', ylim=(-1.0, 1.0))
     grid[0, 1].set(xlabel='')
-    _add_legend(figure)
 
 
+@_figure(
+    4.6,
+    'Fetching in one plane: the arm of Table 4, tensions of Table 5; the body is true to scale.',
+)
 def figure_14(figure: Figure) -> None:
     """Draw fetching in one plane."""
     axes = figure.subplots()
     _draw_body(axes, 'table4', FETCHING_IN_PLANE)
     axes.set(xlabel='x [mm]', ylabel='y [mm]')
-    _add_legend(figure)
 
 
+@_figure(5.3, 'Views of fetching in three dimensions: the arm of Table 4, tensions of Table 5.')
 def figure_15(figure: Figure) -> None:
     """Draw views of fetching in three dimensions."""
     in_space = figure.add_axes((0.53, 0.5, 0.44, 0.45), projection='3d', computed_zorder=False)
@@ -255,4 +296,3 @@ def figure_15(figure: Figure) -> None:
         across, up = (f'{"xyz"[axis]} [mm]' for axis in pair)
         xlim, ylim = limits[pair]
         axes.set(xlabel=across, ylabel=up, aspect='equal', xlim=xlim, ylim=ylim)
-    _add_legend(figure)

@@ -2,21 +2,17 @@
 
 import base64
 import html
-import io
 import re
 from collections.abc import Callable, Sequence
 
-import matplotlib
-from matplotlib.figure import Figure
-
 from octo_arm_model import __version__
-from octo_arm_model.reproduce import figures, tables
+from octo_arm_model.reproduce import tables
 from octo_arm_model.reproduce.claims import Claim
+from octo_arm_model.reproduce.figures import FIGURES
 from octo_arm_model.reproduce.tables import DataTable
 from octo_arm_model.rod.solver import MODELS
 
 _TITLE = 'Renda et al. 2012, reproduced'
-_WIDTH = 6.7  # width of the text [in], which is A4 less its margins
 _CSS = """
 html { font: 17px/1.45 'STIX Two Text', 'Times New Roman', Times, serif; color: #111; }
 body { max-width: 46rem; margin: 3rem auto; padding: 0 1rem; }
@@ -76,47 +72,6 @@ _MISSING = (
     'Section 4: the density of the silicone, and so how well weight and buoyancy cancel.',
     'Sections 1 and 7: how fast is fast enough.',
 )
-# Caption, height [in] and drawing function of each figure, by name.
-_FIGURES: dict[str, tuple[str, float, Callable[[Figure], None]]] = {
-    'Figure 8': (
-        'Arm of section 5.1, one cable; the body is true to scale, the tensions above '
-        'the panels are ours.',
-        2.9,
-        figures.figure_8,
-    ),
-    'Figure 9': (
-        'Left, the prototype at 3 N. Right, at each tension of Table 1.',
-        2.75,
-        figures.figure_9,
-    ),
-    'Figure 10': (
-        'Bending planes and the ratios of the cables’ tensions, seen from the tip: the '
-        'arm of Table 2, amplitude 1 N, section 1.',
-        4.75,
-        figures.figure_10,
-    ),
-    'Figure 11': (
-        'Three planes of bending, tensions of Table 3: in space, and seen from the tip.',
-        4.4,
-        figures.figure_11,
-    ),
-    'Figure 12': (
-        'Degrees of freedom along the arm of Figure 11(A). By all models the torsion is 0.',
-        3.3,
-        figures.figure_12,
-    ),
-    'Figure 14': (
-        'Fetching in one plane: the arm of Table 4, tensions of Table 5; the body is '
-        'true to scale.',
-        4.6,
-        figures.figure_14,
-    ),
-    'Figure 15': (
-        'Views of fetching in three dimensions: the arm of Table 4, tensions of Table 5.',
-        5.3,
-        figures.figure_15,
-    ),
-}
 # The figures and tables below each heading.
 _SECTIONS: dict[str, tuple[str | Callable[[], DataTable], ...]] = {
     'The arms': (tables.arms,),
@@ -150,7 +105,7 @@ def as_html(
             if isinstance(block, str):
                 parts.append(_figure(block))
                 drawn += 1
-                progress(drawn, len(_FIGURES))
+                progress(drawn, len(FIGURES))
             else:
                 parts.append(_table(block()))
     parts += [_heading('What the paper does not give'), *map(_paragraph, _MISSING)]
@@ -190,13 +145,8 @@ def _table(table: DataTable) -> str:
 
 
 def _figure(name: str) -> str:
-    caption, height, draw = _FIGURES[name]
-    with matplotlib.rc_context(figures.STYLE):
-        figure, file = Figure(figsize=(_WIDTH, height)), io.BytesIO()
-        draw(figure)
-        # The date is left out, so that the same figure gives the same file.
-        figure.savefig(file, format='svg', metadata={'Date': None})
-    svg = base64.b64encode(file.getvalue()).decode()
+    caption, as_svg = FIGURES[name]
+    svg = base64.b64encode(as_svg()).decode()
     return (
         f'<figure>\n<img alt="{name}" src="data:image/svg+xml;base64,{svg}"/>\n'
         f'<figcaption><b>{name}.</b> {_text(caption)}</figcaption>\n</figure>'
