@@ -19,9 +19,8 @@ from octo_arm_model.rod.sensitivity import Change, Sensitivity
 from octo_arm_model.rod.stations import nearest
 
 _LARGEST = 1e9  # largest number of a target; squares of larger ones may overflow
-# Tangents are opposite below this cosine of their angle: a rotation from one to the other has any
-# axis. Below this sine the axis is unknown.
-_OPPOSITE, _NO_DIRECTION = -0.999999, 1e-4
+# Below this sine of their angle the axis from one tangent to an opposite one is unknown.
+_NO_DIRECTION = 1e-4
 
 
 @runtime_checkable
@@ -144,26 +143,22 @@ class Bending:
     def error(self, backbone: Backbone) -> FloatArray:
         """Return the angle from the target tangent to the tip's, about two axes, (2,) [m]."""
         tangent, target, across = self._directions(backbone)
-        cosine, sine = float(tangent @ target), across @ np.cross(target, tangent)
-        if cosine < _OPPOSITE:
-            size, direction = _towards(sine)
-            return self.length_per_radian * (np.pi - np.arcsin(size)) * direction
-        return self.length_per_radian * _angle_over_sine(cosine)[0] * sine
+        sine, direction = _polar(across @ np.cross(target, tangent))
+        return self.length_per_radian * np.arctan2(sine, tangent @ target) * direction
 
     def jacobian(self, backbone: Backbone, change: Change) -> FloatArray:
         """Return the derivative of the angle by the rotation of the tip, (2, quantities)."""
         tangent, target, across = self._directions(backbone)
         turned = np.cross(change.tip[3:].T, tangent)
-        cosine, sine = float(tangent @ target), across @ np.cross(target, tangent)
+        cosine = float(tangent @ target)
+        sine, direction = _polar(across @ np.cross(target, tangent))
         by_cosine, by_sine = turned @ target, across @ np.cross(target, turned).T
-        if cosine < _OPPOSITE:
-            size, direction = _towards(sine)
-            along = direction @ by_sine
-            closer = np.outer(direction, cosine * along - size * by_cosine)
-            aside = (by_sine - np.outer(direction, along)) / max(size, _NO_DIRECTION)
-            return self.length_per_radian * (closer + (np.pi - np.arcsin(size)) * aside)
-        factor, slope = _angle_over_sine(cosine)
-        return self.length_per_radian * (factor * by_sine + slope * np.outer(sine, by_cosine))
+        along = direction @ by_sine
+        # The angle changes along the direction, and the direction by what is across it.
+        closer = np.outer(direction, cosine * along - sine * by_cosine)
+        size = max(sine, _NO_DIRECTION)
+        aside = (by_sine - np.outer(direction, along)) * np.arctan2(size, cosine) / size
+        return self.length_per_radian * (closer + aside)
 
     def _directions(self, backbone: Backbone) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return tangents of tip and target, and two directions normal to the latter (2, 3)."""
@@ -245,15 +240,7 @@ class Stiffness:
         return float(1.0 / (self.direction @ compliance @ self.direction))
 
 
-def _towards(sine: FloatArray) -> tuple[float, FloatArray]:
-    """Return length, at most 1, and direction of a vector ``sine`` (2,); any direction of 0."""
-    size = float(np.linalg.norm(sine))
-    return min(size, 1.0), sine / size if size else np.array([1.0, 0.0])
-
-
-def _angle_over_sine(cosine: float) -> tuple[float, float]:
-    """Return an angle over its sine, and the derivative of this ratio by the ``cosine``."""
-    if cosine > 1.0 - 1e-8:
-        return 1.0, -1.0 / 3.0
-    factor = float(np.arccos(cosine) / np.sqrt(1.0 - cosine * cosine))
-    return factor, (cosine * factor - 1.0) / (1.0 - cosine * cosine)
+def _polar(vector: FloatArray) -> tuple[float, FloatArray]:
+    """Return length and direction of a ``vector`` (2,); any direction of 0."""
+    size = float(np.linalg.norm(vector))
+    return size, vector / size if size else np.array([1.0, 0.0])

@@ -189,14 +189,30 @@ def on_cluster(config: Config, chunks: Sequence[FloatArray], scheduler: str) -> 
         ConfigError: if Dask is missing, does not answer or fails.
     """
     try:
+        import asyncio  # the import takes long, and nothing else needs it
+
         import cloudpickle
         from dask import distributed
+        from distributed import comm
     except ImportError as error:
         raise ConfigError(
             f'scheduler is {scheduler!r}, which needs Dask; install it with: '
             "pip install 'octo_arm_model[cluster]'"
         ) from error
-    _find_scheduler(scheduler)
+
+    async def connect_once() -> None:
+        await (await comm.connect(scheduler, timeout=_CONNECT)).close()
+
+    try:
+        # A client alone would also log two errors. This is another thread, as that of a notebook
+        # already runs an event loop.
+        with ThreadPoolExecutor(1) as thread:
+            thread.submit(asyncio.run, connect_once()).result()
+    except Exception as error:
+        raise ConfigError(
+            f'scheduler is {scheduler!r}, expected the address of a running Dask scheduler such '
+            f"as 'tcp://127.0.0.1:8786': {' '.join(str(error).split())}"
+        ) from error
     try:
         with distributed.Client(scheduler, timeout=_CONNECT, set_as_default=False) as client:
             futures = client.map(
@@ -208,25 +224,3 @@ def on_cluster(config: Config, chunks: Sequence[FloatArray], scheduler: str) -> 
     except Exception as error:
         problem = ' '.join(f'{type(error).__name__}: {error}'.split())
         raise ConfigError(f'the cluster of scheduler {scheduler!r} failed: {problem}') from error
-
-
-def _find_scheduler(address: str) -> None:
-    """Raise ConfigError if nobody answers at ``address``; a client would also log two errors."""
-    import asyncio  # the import takes long, and nothing else needs it
-
-    from distributed.comm import connect
-
-    async def connect_once() -> None:
-        comm = await connect(address, timeout=_CONNECT)
-        await comm.close()
-
-    try:
-        # The thread of a notebook already runs an event loop, so this is another thread.
-        with ThreadPoolExecutor(1) as thread:
-            thread.submit(lambda: asyncio.run(connect_once())).result()
-    except Exception as error:
-        problem = ' '.join(str(error).split())
-        raise ConfigError(
-            f'scheduler is {address!r}, expected the address of a running Dask scheduler such as '
-            f"'tcp://127.0.0.1:8786': {problem}"
-        ) from error

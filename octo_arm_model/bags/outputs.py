@@ -285,8 +285,7 @@ def estimate_output(
 
     def write(hypothesis: str, estimate: Estimate, stamp_ns: int, received_ns: int) -> None:
         stamp, (arm, shapes, others) = Stamp.from_ns(stamp_ns), writers[hypothesis]
-        answers = shapes.all(estimate.backbone, estimate.pose_covariance[-1], *stamp)
-        written = dict(zip(BACKBONE_TOPICS, answers))
+        written = shapes.all(estimate.backbone, estimate.pose_covariance[-1], *stamp)
         written[TENSION_ESTIMATES] = shapes.tensions(estimate.tensions, *stamp)
         written |= others.write(estimate, contact_of(estimate, arm), stamp)
         writer.write(
@@ -337,9 +336,8 @@ def add_motion(
             stamp = Stamp.from_ns(received)
             tensions = writer.add(f'/{TENSIONS}', TENSION_TOPICS[TENSIONS].type_name)
             yield tensions, received, layout.tensions(shape.tensions, *stamp)
-            answers = layout.all(shape, exact, *stamp)
-            for (topic, type_name), data in zip(BACKBONE_TOPICS.items(), answers, strict=True):
-                yield writer.add(f'/{topic}', type_name), received, data
+            for topic, data in layout.all(shape, exact, *stamp).items():
+                yield writer.add(f'/{topic}', BACKBONE_TOPICS[topic]), received, data
 
     writer.write(messages())
     return written

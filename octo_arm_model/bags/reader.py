@@ -198,16 +198,15 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
 
     def _scan(self, expected: Counter[Key] | None) -> None:
         """Collect topics and counts; ValueError if files lack messages that are ``expected``."""
-        self._counts = Counter[Key]()
         unique: dict[Key, Connection] = {}
         for file in self._files:
             for c in file.connections:
-                key = c.topic, c.msgtype
                 if not (c.topic.isprintable() and c.msgtype.isprintable()):
                     raise ValueError(f'{shown(c.topic)} names a topic or a type')
-                self._counts[key] += c.msgcount
-                if key not in unique or unique[key].msgdef.format == MessageDefinitionFormat.NONE:
-                    unique[key] = c
+                first = unique.get((c.topic, c.msgtype), c._replace(msgcount=0))
+                is_defined = first.msgdef.format != MessageDefinitionFormat.NONE
+                count = first.msgcount + c.msgcount
+                unique[c.topic, c.msgtype] = (first if is_defined else c)._replace(msgcount=count)
             if file.missing:
                 count = sum(c.msgcount for c in file.connections) + file.missing
                 self.notes.append(
@@ -220,15 +219,15 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
             for topic in sorted(topic for topic, _ in unique)
         }
         if expected is not None:
-            self._compare(expected)
+            self._compare(Counter({key: c.msgcount for key, c in unique.items()}), expected)
         filled = [file for file in self._files if any(c.msgcount for c in file.connections)]
         self.start_ns = min((file.start_ns for file in filled), default=0)
         self.duration = 1e-9 * (max((file.stop_ns for file in filled), default=0) - self.start_ns)
 
-    def _compare(self, expected: Counter[Key]) -> None:
-        """Compare counts with the ``expected`` ones of the metadata; ValueError if fewer."""
-        for key in self._counts | expected:
-            topic, count, stated = key[0], self._counts[key], expected[key]
+    def _compare(self, counts: Counter[Key], expected: Counter[Key]) -> None:
+        """Compare ``counts`` with the ``expected`` ones of the metadata; ValueError if fewer."""
+        for key in counts | expected:
+            topic, count, stated = key[0], counts[key], expected[key]
             if count < stated:
                 raise ValueError(f'{count} messages found of {stated} on {topic}')
             if count > stated and key not in expected:
@@ -254,7 +253,7 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
             raise BagError(f'{self.path}: not a bag, cut short or damaged: {problem}') from error
 
     def connections(self, topics: Sequence[str] | None = None) -> list[Connection]:
-        """Return the connections of ``topics``, or of all if None, with definitions and QoS.
+        """Return the connections of ``topics``, or of all if None, with definitions and counts.
 
         Raises:
             BagError: if there is no such topic; the message lists the existing ones.
@@ -276,10 +275,7 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
         Raises:
             BagError: if there is no such topic.
         """
-        return sum(self._counts[key] for key in self._keys(topics))
-
-    def _keys(self, topics: Sequence[str] | None) -> set[Key]:
-        return {(c.topic, c.msgtype) for c in self.connections(topics)}
+        return sum(c.msgcount for c in self.connections(topics))
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[Record]:
         """Iterate over messages of ``topics``, or of all if None, in the order of receipt.
@@ -288,8 +284,8 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
             BagError: if there is no such topic, the bag is damaged, or it holds fewer messages
                 than it says.
         """
-        keys, read = self._keys(topics), Counter[Key]()
-        selected = {topic for topic, _ in keys}
+        connections, read = self.connections(topics), Counter[Key]()
+        selected = {c.topic for c in connections}
         with self._damage_errors():
             sources = (
                 (file.start_ns, functools.partial(file.messages, selected)) for file in self._files
@@ -303,11 +299,11 @@ class BagReader(contextlib.AbstractContextManager['BagReader']):
                 if self._is_each_compressed:
                     data = storages.expand_message(data)
                 yield Record(topic, type_name, received_ns, data)
-        for key in keys:
-            if read[key] < self._counts[key]:
+        for c in connections:
+            if (count := read[c.topic, c.msgtype]) < c.msgcount:
                 raise BagError(
-                    f'{self.path}: {read[key]} messages found of {self._counts[key]} on {key[0]} '
-                    'that the bag says it holds'
+                    f'{self.path}: {count} messages found of {c.msgcount} on {c.topic} that the '
+                    'bag says it holds'
                 )
 
     def decode(self, record: Record) -> Any:

@@ -225,13 +225,14 @@ class _Answers:
         self._writer = BackboneWriter.of(config.base_frame, self._solver)
         is_driven = any(source.is_displacements for source in arm.sources)
         is_used = {TENDON_LENGTHS: lengths, TENSION_ESTIMATES: is_driven}
-        self._answers = [topic for topic in ANSWERS if is_used.get(topic, True)]
         description = arm.prefix + DESCRIPTION
         writer.add_text(description, parameters_as_yaml(arm.parameters), reader.start_ns)
-        self._connections = [
-            writer.add(arm.prefix + topic, ANSWERS[topic]) for topic in self._answers
-        ]
-        self.written = [description, *(connection.topic for connection in self._connections)]
+        self._connections = {
+            topic: writer.add(arm.prefix + topic, kind)
+            for topic, kind in ANSWERS.items()
+            if is_used.get(topic, True)
+        }
+        self.written = [description, *(one.topic for one in self._connections.values())]
 
     def answer(self, record: Record, report: Report, table: CsvAnswers | None) -> list[Message]:
         """Return the messages that answer a ``record`` of this arm; none without a shape."""
@@ -253,17 +254,17 @@ class _Answers:
             counts.refusals.count('', f'{TIP_POSE} unknown: {answer.unknown}')
         if table is not None:
             table.write(topic, stamp, answer.backbone, self._tendons)
-        answered = zip(self._connections, messages)
-        return [(one, record.received_ns, data) for one, data in answered if data is not None]
+        received_ns = record.received_ns
+        return [(self._connections[one], received_ns, data) for one, data in messages.items()]
 
-    def _answer(self, reading: Reading) -> tuple[DrivenShape, list[bytes | None]]:
-        """Return the shape for a ``reading``, and messages in the order of the topics.
+    def _answer(self, reading: Reading) -> tuple[DrivenShape, dict[str, bytes]]:
+        """Return the shape for a ``reading``, and the messages by topic.
 
-        `TENSION_ESTIMATES` is the last, only if tendons are driven by length. The pose of the tip
-        is None where its covariance is not known.
+        `TENSION_ESTIMATES` are there only if tendons are driven by length, and the pose of the tip
+        only if its covariance is known.
         """
         arguments = reading.stamp.ns, reading.tensions, reading.displacements
-        has_lengths, motion = TENDON_LENGTHS in self._answers, self._motion
+        has_lengths, motion = TENDON_LENGTHS in self._connections, self._motion
         lengths: FloatArray | None = None
         if motion is None:
             answer = self._winding.answer(self._solver, self._config, None, *arguments)
@@ -278,14 +279,11 @@ class _Answers:
                 answer = answer._replace(covariance=None, unknown=unknown)
             lengths = motion.dynamics.tendon_lengths(state) if has_lengths else None
         writer, stamp, backbone = self._writer, reading.stamp, answer.backbone
-        covariance = _KNOWN if answer.covariance is None else answer.covariance
-        messages: list[bytes | None] = [*writer.all(backbone, covariance, *stamp)]
-        if answer.covariance is None:
-            messages[self._answers.index(TIP_POSE)] = None
+        messages = writer.all(backbone, answer.covariance, *stamp)
         if lengths is not None:
-            messages.append(writer.tendon_lengths(lengths, backbone.tensions, *stamp))
+            messages[TENDON_LENGTHS] = writer.tendon_lengths(lengths, backbone.tensions, *stamp)
         if are_wound:
-            messages.append(writer.tensions(backbone.tensions, *stamp))
+            messages[TENSION_ESTIMATES] = writer.tensions(backbone.tensions, *stamp)
         return answer, messages
 
     def notes(self) -> list[str]:

@@ -10,9 +10,8 @@ import numpy as np
 
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.arm.hints import FloatArray, IntArray
-from octo_arm_model.bags import topics
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.topics import TYPES, Source, pick_displacements, pick_tensions
+from octo_arm_model.bags.topics import TYPES, ArmTopics, Source, names, namespace
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.measurements import Measurement, Tensions
 from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, MeasuredArm
@@ -57,12 +56,12 @@ class SensorTopics:
     Attributes:
         tensions: source of the tensions; None if there are none.
         others: topics by the names of their rows of `MEASUREMENT_TOPICS`.
-        options: further arguments of the reading of each of these, by topic.
+        readers: by topic what returns the measurement of an ``arm`` in a message there.
     """
 
     tensions: Source | None
     others: Mapping[str, str]
-    options: Mapping[str, Mapping[str, Any]]
+    readers: Mapping[str, Callable[..., Measurement]]
 
     @property
     def all(self) -> list[str]:
@@ -74,8 +73,8 @@ class SensorTopics:
     def prefix(self) -> str:
         """Namespace, with the slash, of the first topic of a usual name, or else of the first."""
         usual = (*TENSION_TOPICS, *MEASUREMENT_TOPICS)
-        named = [topic for topic in self.all if topics.names(topic, *usual)]
-        return topics.namespace((named or self.all)[0], usual)
+        named = [topic for topic in self.all if names(topic, *usual)]
+        return namespace((named or self.all)[0], usual)
 
 
 def find_sensors(
@@ -97,34 +96,33 @@ def find_sensors(
         BagError: if a topic is missing, ambiguous or of another type, or nothing is measured.
     """
     named = (topic for topic in (tensions, *(others or {}).values()) if topic not in (None, NONE))
-    prefix = topics.arm_of(reader, next(named, None))
+    offered = ArmTopics.beside(reader, next(named, None))
     by_name: dict[str, str] = {}
-    options: dict[str, dict[str, Any]] = {}
+    readers: dict[str, Callable[..., Measurement]] = {}
     for name, row in MEASUREMENT_TOPICS.items():
         given = (others or {}).get(name)
         if given == NONE:
             continue
         option: dict[str, Any] = {'names': marker_names} if name == MARKERS else {}
         if name == DISPLACEMENTS:
-            source = pick_displacements(reader, given, prefix) or Source('')
+            source = offered.displacements(given) or Source('')
             topic, option['field'] = source.topic, source.field
         elif name == MARKERS and ':' in (given or ''):
             topic, _, option['field'] = str(given).partition(':')
-            topic = topics.pick_topic(reader, topic, None, name)
+            topic = offered.named(topic, None, name)
         else:
-            types = (row.type_name,)
-            topic = topics.pick_usual(reader, given, name, types, name, prefix) or ''
+            topic = offered.named_or_usual(given, name, (row.type_name,), name) or ''
         if topic:
-            by_name[name], options[topic] = topic, option
+            by_name[name], readers[topic] = topic, partial(row.read, **option)
     source_found: Source | None = None
     if tensions is not None and tensions != NONE:
-        source_found = pick_tensions(reader, tensions)
+        source_found = offered.tensions(tensions)
     elif tensions is None:
         empty = [topic for topic in reader.topics if not reader.count([topic])]
         others_read = {*by_name.values(), *empty}
-        only = topics.measured_topic(reader, TYPES, 'tensions', others_read, prefix)
+        only = offered.measured(TYPES, 'tensions', others_read)
         source_found = None if only is None else Source(only)
-    sensors = SensorTopics(source_found, by_name, options)
+    sensors = SensorTopics(source_found, by_name, readers)
     if not sensors.all:
         raise BagError(
             f'{reader.path}: nothing is measured there, expected tensions or '
@@ -179,11 +177,9 @@ def read_measured(
         StampedMeasurement(int(stamp), int(received), Tensions(row, arm.settings.tension_stddev))
         for stamp, received, row in zip(*tensions)
     ]
-    message_types = {topic: MEASUREMENT_TOPICS[name] for name, topic in sensors.others.items()}
-
-    for record in reader.messages(list(message_types)):
+    for record in reader.messages(list(sensors.readers)):
         done(1)
-        read = partial(message_types[record.topic].read, arm=arm, **sensors.options[record.topic])
+        read = partial(sensors.readers[record.topic], arm=arm)
         stamp, measurement, reason = reader.read(record, read)
         if measurement is None:
             refusals.count(record.topic, reason)

@@ -51,141 +51,6 @@ def namespace(topic: str, usual: Iterable[str]) -> str:
     return topic[: topic.rfind('/') + 1]
 
 
-def arm_of(reader: BagReader, named: str | None) -> str | None:
-    """Return the namespace of the arm that the topic ``named`` is of; None if that is None."""
-    if named is None:
-        return None
-    return namespace(reader.full_name(named.partition(':')[0]), _MEASURED)
-
-
-def offered(reader: BagReader, prefix: str | None) -> dict[str, str]:
-    """Return the topics that defaults are chosen from, with their types.
-
-    They are all topics but those of arms in other namespaces than ``prefix``, if that is the
-    namespace of an arm: one with tensions or displacements.
-    """
-    tendons = (*TENSION_TOPICS, DISPLACEMENTS)
-    arms = {namespace(name, tendons) for name in reader.topics if names(name, *tendons)}
-    if prefix not in arms:
-        return reader.topics
-    selected = {}
-    for topic, type_name in reader.topics.items():
-        arm = max((name for name in arms if topic.startswith(name)), key=len, default=prefix)
-        # A topic of another name without a namespace may be of a camera that sees all arms.
-        if arm == prefix or (arm == '/' and not names(topic, *_MEASURED, DESCRIPTION)):
-            selected[topic] = type_name
-    return selected
-
-
-def pick_topic(
-    reader: BagReader,
-    chosen: str | None,
-    types: Sequence[str] | None,
-    what: str,
-    without: Collection[str] = (),
-    prefix: str | None = None,
-) -> str:
-    """Return the topic that ``what`` is read from: ``chosen``, or the only one of ``types``.
-
-    That is the only one `offered` for the arm of ``prefix``. If ``types`` is None, ``chosen`` may
-    be of any type. Topics of the model's answers and of displacements are taken only if
-    ``chosen``, and those ``without`` never, because they are read as something else. Among
-    several topics those with messages are preferred, then those of a usual name such as
-    tendon_tensions, in any namespace.
-
-    Raises:
-        BagError: if there is no such topic, or several; the message lists the existing ones.
-    """
-    expected = ' or '.join(types or ())
-    if chosen is not None:
-        topic = reader.full_name(chosen)
-        if topic not in reader.topics:
-            raise BagError(f'{reader.path}: no topic {chosen} for {what}; {reader.listing}')
-        if types is not None and reader.topics[topic] not in types:
-            raise BagError(
-                f'{reader.path}: topic {topic} is of {reader.topics[topic]}, expected {expected} '
-                f'for {what}'
-            )
-        reader.types_of(reader.topics[topic])
-        return topic
-    types = types or ()
-    only = measured_topic(reader, types, what, without, prefix)
-    if only is None:
-        topics = offered(reader, prefix).items()
-        answers = [one for one, kind in topics if kind in types and one not in without]
-        hint = f'{answers[0]} is no measurement unless an option names it; ' if answers else ''
-        raise BagError(f'{reader.path}: no {what}, expected {expected}; {hint}{reader.listing}')
-    reader.types_of(reader.topics[only])
-    return only
-
-
-def measured_topic(
-    reader: BagReader,
-    types: Sequence[str],
-    what: str,
-    without: Collection[str] = (),
-    prefix: str | None = None,
-) -> str | None:
-    """Return the only topic of one of ``types`` that ``what`` was measured on; None if none.
-
-    The preferences are those of `pick_topic`. BagError is raised if there are several.
-    """
-    others = (*ANSWERS, *ESTIMATES, DISPLACEMENTS)
-    candidates = [
-        topic
-        for topic, type_name in offered(reader, prefix).items()
-        if type_name in types and topic not in without and not names(topic, *others)
-    ]
-    for narrower in (
-        [topic for topic in candidates if reader.count([topic])],
-        [topic for topic in candidates if names(topic, *_USUAL)],
-    ):
-        if len(candidates) > 1 and narrower:
-            candidates = [topic for topic in candidates if topic in narrower]
-    return only_one(reader, candidates, what)
-
-
-def pick_usual(
-    reader: BagReader,
-    chosen: str | None,
-    usual: str,
-    types: Sequence[str],
-    what: str,
-    prefix: str | None = None,
-) -> str | None:
-    """Return the topic that ``what`` is read from: ``chosen``, or the ``usual`` one; else None.
-
-    Raises:
-        BagError: if ``chosen`` does not exist or is of none of ``types``, or there are several
-            usual ones.
-    """
-    if chosen is not None:
-        return pick_topic(reader, chosen, types, what)
-    return only_one(reader, usual_topics(reader, usual, types, prefix), what)
-
-
-def usual_topics(
-    reader: BagReader, usual: str, types: Sequence[str], prefix: str | None = None
-) -> list[str]:
-    """Return the topics of the ``usual`` name that have messages of one of ``types``."""
-    return [
-        topic
-        for topic, type_name in offered(reader, prefix).items()
-        if names(topic, usual) and type_name in types and reader.count([topic])
-    ]
-
-
-def only_one(reader: BagReader, topics: Sequence[str], what: str) -> str | None:
-    """Return the only one of ``topics``, which ``what`` is read from; None if there is none.
-
-    Raises:
-        BagError: if there are several.
-    """
-    if len(topics) > 1:
-        raise BagError(f'{reader.path}: several topics of {what}, name one of {listed(topics)}')
-    return topics[0] if topics else None
-
-
 TYPES = tuple(kind.type_name for kind in TENSION_TOPICS.values())
 _KINDS = {kind.type_name: kind for kind in TENSION_TOPICS.values()}
 _LISTED = 20
@@ -255,66 +120,177 @@ class Source(NamedTuple):
         return Reading(*reader.read(record, calibrated))
 
 
-def pick_tensions(
-    reader: BagReader, chosen: str | None, without: Collection[str] = (), prefix: str | None = None
-) -> Source:
-    """Return the source of tensions on the topic ``chosen``, TOPIC or TOPIC:FIELD.
+class ArmTopics:
+    """The topics of a bag that the inputs of one arm are chosen from.
 
-    None takes the only topic besides ``without``, which is read as something else, that is
-    `offered` for the arm of ``prefix``.
-
-    Raises:
-        BagError: if there is none; the message lists the numeric fields of other types.
+    Attributes:
+        reader: the bag.
+        types: types by topic: all but those of arms in other namespaces.
     """
-    if chosen is not None and ':' in chosen:
-        return _pick_field(reader, chosen, 'tensions')
-    try:
-        return Source(pick_topic(reader, chosen, TYPES, 'tensions', without, prefix))
-    except BagError as error:
-        others = [chosen] if chosen is not None else list(reader.topics)
-        others = [reader.full_name(topic) for topic in others]
-        raise BagError(f'{error}{_fields_of(reader, others)}') from None
 
+    def __init__(self, reader: BagReader, prefix: str | None = None) -> None:
+        """Hide the topics of other arms if ``prefix`` is the namespace of an arm, with the slash.
 
-def pick_displacements(
-    reader: BagReader, chosen: str | None, prefix: str | None = None
-) -> Source | None:
-    """Return the source of displacements on the topic ``chosen``, TOPIC or TOPIC:FIELD.
+        An arm is where there are tensions or displacements.
+        """
+        self.reader, self.types = reader, reader.topics
+        tendons = (*TENSION_TOPICS, DISPLACEMENTS)
+        arms = {namespace(name, tendons) for name in reader.topics if names(name, *tendons)}
+        if prefix not in arms:
+            return
+        self.types = {}
+        for topic, type_name in reader.topics.items():
+            arm = max((name for name in arms if topic.startswith(name)), key=len, default=prefix)
+            # A topic of another name without a namespace may be of a camera that sees all arms.
+            if arm == prefix or (arm == '/' and not names(topic, *_MEASURED, DESCRIPTION)):
+                self.types[topic] = type_name
 
-    None takes tendon_displacements of the arm of ``prefix``, if there is one.
+    @classmethod
+    def beside(cls, reader: BagReader, named: str | None) -> 'ArmTopics':
+        """Return the topics of the arm of the topic ``named``, or of all arms if that is None."""
+        if named is None:
+            return cls(reader)
+        return cls(reader, namespace(reader.full_name(named.partition(':')[0]), _MEASURED))
 
-    Raises:
-        BagError: if there is no such topic or field, or there are several.
-    """
-    if chosen is not None and ':' in chosen:
-        return _pick_field(reader, chosen, 'displacements')
-    kinds = (DISPLACEMENT_TYPE,)
-    topic = pick_usual(reader, chosen, DISPLACEMENTS, kinds, 'displacements', prefix)
-    return None if topic is None else Source(topic, '', True)
+    def named(self, chosen: str, types: Sequence[str] | None, what: str) -> str:
+        """Return the full name of the topic ``chosen`` for ``what``; None for any type.
 
+        Raises:
+            BagError: if there is no such topic, or it is of none of ``types``, or of no known one.
+        """
+        reader, topic = self.reader, self.reader.full_name(chosen)
+        if topic not in reader.topics:
+            raise BagError(f'{reader.path}: no topic {chosen} for {what}; {reader.listing}')
+        if types is not None and reader.topics[topic] not in types:
+            raise BagError(
+                f'{reader.path}: topic {topic} is of {reader.topics[topic]}, expected '
+                f'{" or ".join(types)} for {what}'
+            )
+        reader.types_of(reader.topics[topic])
+        return topic
 
-def _pick_field(reader: BagReader, chosen: str, what: str) -> Source:
-    """Return the source ``chosen``, TOPIC:FIELD; BagError lists the existing numeric fields."""
-    topic, _, field = chosen.partition(':')
-    topic = pick_topic(reader, topic, None, what)
-    fields = reader.numeric_fields(reader.topics[topic])
-    if re.sub(r'\[\d+\]', '', field) not in fields:
-        raise BagError(
-            f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
-            f'it has {", ".join(fields) or "none"}'
-        )
-    return Source(topic, field, what == 'displacements')
+    def usual(self, name: str, types: Sequence[str]) -> list[str]:
+        """Return the topics of the usual ``name`` that have messages of one of ``types``."""
+        return [
+            topic
+            for topic, type_name in self.types.items()
+            if names(topic, name) and type_name in types and self.reader.count([topic])
+        ]
 
+    def named_or_usual(
+        self, chosen: str | None, name: str, types: Sequence[str], what: str
+    ) -> str | None:
+        """Return the topic that ``what`` is read from: ``chosen``, or the only usual one, or None.
 
-def _fields_of(reader: BagReader, topics: Sequence[str]) -> str:
-    """Return a text that lists numeric fields on ``topics`` whose types are not in `TYPES`."""
-    texts = []
-    for topic in topics[:_LISTED]:
-        type_name = reader.topics.get(topic, '')
-        if type_name and type_name not in TYPES:
-            if fields := reader.numeric_fields(type_name):
-                texts.append(f'{topic}:{{{",".join(fields)}}}')
-    return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(texts)}' if texts else ''
+        Raises:
+            BagError: as `named`, or if there are several usual ones.
+        """
+        if chosen is not None:
+            return self.named(chosen, types, what)
+        return self._only(self.usual(name, types), what)
+
+    def measured(
+        self, types: Sequence[str], what: str, without: Collection[str] = ()
+    ) -> str | None:
+        """Return the only topic of one of ``types`` that ``what`` was measured on; None if none.
+
+        Topics of the model's answers and of displacements are not taken, nor those ``without``,
+        because they are read as something else. Among several topics those with messages are
+        preferred, then those of a usual name such as tendon_tensions, in any namespace.
+
+        Raises:
+            BagError: if there are several.
+        """
+        others = (*ANSWERS, *ESTIMATES, DISPLACEMENTS)
+        candidates = [
+            topic
+            for topic, type_name in self.types.items()
+            if type_name in types and topic not in without and not names(topic, *others)
+        ]
+        for narrower in (
+            [topic for topic in candidates if self.reader.count([topic])],
+            [topic for topic in candidates if names(topic, *_USUAL)],
+        ):
+            if len(candidates) > 1 and narrower:
+                candidates = [topic for topic in candidates if topic in narrower]
+        return self._only(candidates, what)
+
+    def _only(self, topics: Sequence[str], what: str) -> str | None:
+        if len(topics) > 1:
+            raise BagError(
+                f'{self.reader.path}: several topics of {what}, name one of {listed(topics)}'
+            )
+        return topics[0] if topics else None
+
+    def pick(
+        self, chosen: str | None, types: Sequence[str], what: str, without: Collection[str] = ()
+    ) -> str:
+        """Return the topic that ``what`` is read from: ``chosen``, or the only `measured` one.
+
+        Raises:
+            BagError: if there is no such topic, or several; the message lists the existing ones.
+        """
+        if chosen is not None:
+            return self.named(chosen, types, what)
+        reader, only = self.reader, self.measured(types, what, without)
+        if only is not None:
+            return self.named(only, types, what)
+        answers = [one for one, kind in self.types.items() if kind in types and one not in without]
+        hint = f'{answers[0]} is no measurement unless an option names it; ' if answers else ''
+        expected = f'expected {" or ".join(types)}'
+        raise BagError(f'{reader.path}: no {what}, {expected}; {hint}{reader.listing}')
+
+    def tensions(self, chosen: str | None, without: Collection[str] = ()) -> 'Source':
+        """Return the source of tensions on the topic ``chosen``, TOPIC or TOPIC:FIELD.
+
+        None takes the only topic besides ``without``, which is read as something else.
+
+        Raises:
+            BagError: if there is none; the message lists the numeric fields of other types.
+        """
+        if chosen is not None and ':' in chosen:
+            return self._field(chosen, 'tensions')
+        try:
+            return Source(self.pick(chosen, TYPES, 'tensions', without))
+        except BagError as error:
+            others = [chosen] if chosen is not None else list(self.reader.topics)
+            raise BagError(f'{error}{self._fields_of(others)}') from None
+
+    def displacements(self, chosen: str | None) -> 'Source | None':
+        """Return the source of displacements on the topic ``chosen``, TOPIC or TOPIC:FIELD.
+
+        None takes tendon_displacements, if there is such a topic.
+
+        Raises:
+            BagError: if there is no such topic or field, or there are several.
+        """
+        if chosen is not None and ':' in chosen:
+            return self._field(chosen, 'displacements')
+        kinds = (DISPLACEMENT_TYPE,)
+        topic = self.named_or_usual(chosen, DISPLACEMENTS, kinds, 'displacements')
+        return None if topic is None else Source(topic, '', True)
+
+    def _field(self, chosen: str, what: str) -> 'Source':
+        """Return the source ``chosen``, TOPIC:FIELD; BagError lists the existing fields."""
+        name, _, field = chosen.partition(':')
+        reader, topic = self.reader, self.named(name, None, what)
+        fields = reader.numeric_fields(reader.topics[topic])
+        if re.sub(r'\[\d+\]', '', field) not in fields:
+            raise BagError(
+                f'{reader.path}: {topic} ({reader.topics[topic]}) has no numeric field {field!r}; '
+                f'it has {", ".join(fields) or "none"}'
+            )
+        return Source(topic, field, what == 'displacements')
+
+    def _fields_of(self, topics: Sequence[str]) -> str:
+        """Return a text that lists numeric fields on ``topics`` whose types are not in `TYPES`."""
+        texts = []
+        for topic in map(self.reader.full_name, topics[:_LISTED]):
+            type_name = self.reader.topics.get(topic, '')
+            if type_name and type_name not in TYPES:
+                if fields := self.reader.numeric_fields(type_name):
+                    texts.append(f'{topic}:{{{",".join(fields)}}}')
+        return f'; any numeric field will do, as TOPIC:FIELD: {" ".join(texts)}' if texts else ''
 
 
 class RecordedArm(NamedTuple):
@@ -354,21 +330,22 @@ def find_arms(
         BagError: if there are no tensions, a topic is named twice, or by `sensed_by`.
         ConfigError: if there is no description.
     """
-    displaced = list(filter(None, (pick_displacements(reader, one) for one in displacements)))
+    offered = ArmTopics(reader)
+    displaced = list(filter(None, map(offered.displacements, displacements)))
     picked = []
     for topic in topics:
         name = reader.full_name(topic)
         is_usual = names(name, DISPLACEMENTS) and reader.topics.get(name) == DISPLACEMENT_TYPE
-        picked.append(Source(name, '', True) if is_usual else pick_tensions(reader, topic))
+        picked.append(Source(name, '', True) if is_usual else offered.tensions(topic))
     if len({one.topic for one in picked}) < len(picked):
         raise BagError(f'--topics names {" ".join(topics)}, expected each topic once')
     if not topics:
         usual = {} if displaced else {DISPLACEMENTS: DISPLACEMENT_TYPE}
         usual |= {name: kind.type_name for name, kind in TENSION_TOPICS.items()}
         for name, kind in usual.items():
-            found = usual_topics(reader, name, (kind,))
+            found = offered.usual(name, (kind,))
             picked += [Source(topic, '', name == DISPLACEMENTS) for topic in found]
-        picked = sorted(picked) or ([] if displaced else [pick_tensions(reader, None)])
+        picked = sorted(picked) or ([] if displaced else [offered.tensions(None)])
     by_prefix: dict[str, list[Source]] = {}
     for source in {one.topic: one for one in (*picked, *displaced)}.values():
         prefix = namespace(source.topic, (*TENSION_TOPICS, DISPLACEMENTS))
@@ -421,7 +398,7 @@ def describe(reader: BagReader, prefix: str = '/') -> dict[str, Any]:
         ConfigError: if there is no description, or it describes no valid arm.
         BagError: if the bag is damaged.
     """
-    topics = usual_topics(reader, DESCRIPTION, (STRING,), prefix)
+    topics = ArmTopics(reader, prefix).usual(DESCRIPTION, (STRING,))
     if prefix + DESCRIPTION in topics:
         topics = [prefix + DESCRIPTION]
     if len(topics) != 1:

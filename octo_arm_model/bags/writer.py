@@ -227,7 +227,7 @@ class SensorMessages:
             if topic == DISPLACEMENTS:  # a JointState goes on with velocities and efforts, empty
                 layout.count(0)
                 layout.count(0)
-            self._templates[key] = Template(layout)
+            self._templates[key] = layout
         further = (LEVEL,) if topic in (MIDLINE, MARKERS) else values[1:]
         stamp = Stamp.from_ns(received_ns + ahead_ns)
         data = self._templates[key].write(*stamp, first, *further)

@@ -1,118 +1,24 @@
-"""Build the parts of an arm, and the calibration of its load cells, from its parameters."""
+"""Build an arm, and what acts on it, from its parameters."""
 
-import functools
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import ArrayLike
+from typing import Any
 
 from octo_arm_model.arm.arm import Arm, check_size
 from octo_arm_model.arm.body import Body, GivenStiffness, ProfiledBody, RectangularBody, RestShape
-from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, TensionError, shown
-from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.material import Material
+from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError
+from octo_arm_model.arm.hints import Vector
+from octo_arm_model.arm.loads import TIP, DistributedLoad, Loads, PointLoad
+from octo_arm_model.arm.material import WATERS, Material, MotionProperties
+from octo_arm_model.arm.obstacles import Cylinder, Obstacle, Plane, Sphere
 from octo_arm_model.arm.profile import LINEAR, Constant, Profile, Table
 from octo_arm_model.arm.tendon import Discs, RoutedSection, Section, Tendon, check_angle
-from octo_arm_model.arm.validation import finite
 from octo_arm_model.config.parameter import Values, check_length
-from octo_arm_model.rod.checks import check_tensions
 from octo_arm_model.rod.sensitivity import Uncertainty
 
-_ROUNDING = 1e-15  # relative to an offset: rounding of the sum of reading and offset
-
-
-@dataclass(frozen=True)
-class LoadCellCalibration:
-    """The calibration of the load cells of an arm: tension = scale * reading + offset.
-
-    A tension within the deadband about zero is then set to zero, since load cells of slack tendons
-    read small values of either sign. A tension below minus the deadband is refused.
-
-    Attributes:
-        deadband: largest magnitude of a tension that is set to zero [N], >= 0.
-        offset: offset for each tendon [N]; empty for no offsets.
-        scale: scale for each tendon [-], > 0; empty for 1.
-        names: name of each tendon in incoming messages, as in `wire.tensions`; empty for the
-            names of the tendons.
-    """
-
-    deadband: float = 0.0
-    offset: tuple[float, ...] = ()
-    scale: tuple[float, ...] = ()
-    names: tuple[str, ...] = ()
-
-    @functools.cached_property
-    def is_identity(self) -> bool:
-        """Whether readings are tensions as they are."""
-        return not (self.deadband or any(self.offset) or any(k != 1.0 for k in self.scale))
-
-    def tensions(self, arm: Arm, readings: ArrayLike) -> FloatArray:
-        """Return tensions of ``arm`` for ``readings``, both (..., *`Arm.tension_shape`) [N].
-
-        Raises:
-            TensionError: if the shape is wrong, or a tension is not finite or below minus the
-                deadband; the message names the tendon.
-        """
-        array, shape = np.asarray(readings), arm.tension_shape
-        is_set = array.dtype.kind in 'fiu' and array.shape[-len(shape) :] == shape
-        if self.is_identity or not is_set:
-            return check_tensions(arm, readings)  # raises the error of what is no set
-        tensions = self.scale_and_offset(array.astype(np.float64))
-        try:
-            return check_tensions(arm, tensions)
-        except TensionError as error:
-            raise TensionError(
-                f'{error} after tension_scale and tension_offset, or within the tension_deadband '
-                f'of {self.deadband:g} N'
-            ) from None
-
-    def scale_and_offset(self, readings: FloatArray) -> FloatArray:
-        """Return tensions for ``readings``, (..., tendons) or (..., *`Arm.tension_shape`) [N].
-
-        No tension is refused: those below minus the deadband are returned as they are.
-        """
-        flat, count = readings, max(len(self.scale), len(self.offset))
-        if count and readings.shape[-1] != count:
-            # If all sections have equal numbers of tendons, each is a row.
-            flat = readings.reshape(*readings.shape[:-2], count)
-        offset = np.array(self.offset or 0.0)
-        with np.errstate(all='ignore'):  # a value that is not finite is refused as a tension
-            tensions = flat * (self.scale or 1.0) + offset
-        band = np.maximum(self.deadband, _ROUNDING * np.abs(offset))
-        return np.where(np.abs(tensions) <= band, 0.0, tensions).reshape(readings.shape)
-
-    def readings(self, tensions: FloatArray) -> FloatArray:
-        """Return what load cells without errors read under ``tensions`` (tendons,) [N]."""
-        return np.asarray((tensions - np.array(self.offset or 0.0)) / (self.scale or 1.0))
-
-
-@dataclass(frozen=True)
-class EncoderCalibration:
-    """The calibration of the encoders of winches: length reeled in = scale * reading + offset.
-
-    Attributes:
-        names: name of the reading of each tendon in incoming messages, as in `wire.tensions`;
-            tendons of one motor have the same name; empty for the names of the tendons.
-        scale: scale for each tendon [m per unit of the reading]: radius of the spool for radians,
-            < 0 if the motor lets the tendon out as it turns forwards; empty for 1.
-        offset: offset for each tendon [m]; empty for no offsets.
-    """
-
-    names: tuple[str, ...] = ()
-    scale: tuple[float, ...] = ()
-    offset: tuple[float, ...] = ()
-
-    @property
-    def is_identity(self) -> bool:
-        """Whether readings are lengths under the names of their tendons."""
-        return self == EncoderCalibration()
-
-    def lengths(self, readings: FloatArray) -> FloatArray:
-        """Return the lengths reeled in [m] for ``readings``, both (..., tendons)."""
-        return np.asarray(readings * (self.scale or 1.0) + np.array(self.offset or 0.0))
+_KINDS: dict[str, type[Obstacle]] = {'plane': Plane, 'sphere': Sphere, 'cylinder': Cylinder}
 
 
 def build_arm(given: Values) -> Arm:
@@ -137,53 +43,6 @@ def build_arm(given: Values) -> Arm:
     )
 
 
-def build_load_cells(given: Values, arm: Arm) -> LoadCellCalibration:
-    """Return the calibration of the load cells of ``arm``.
-
-    Raises:
-        ConfigError: if offsets, scales or names are given, but not one for each tendon.
-    """
-    names = given['tension_names']
-    distinct = [name for name in names if name != '-']
-    if len(set(distinct)) < len(distinct) or '' in names or (names and not distinct):
-        expected = 'distinct names or -, one name at least'
-        raise ConfigError(f'tension_names is {shown(list(names))}, expected {expected}')
-    lists = 'tension_offset', 'tension_scale', 'tension_names'
-    check_each(given, arm, *lists)
-    return LoadCellCalibration(given['tension_deadband'], *(tuple(given[name]) for name in lists))
-
-
-def build_encoders(given: Values, arm: Arm) -> EncoderCalibration:
-    """Return the calibration of the encoders of ``arm``.
-
-    Raises:
-        ConfigError: if offsets, scales or names are given, but not one for each tendon.
-        ArmDefinitionError: if a scale is 0.
-    """
-    names, scale = given['displacement_names'], tuple(given['displacement_scale'])
-    if '' in names:
-        raise ConfigError(f'displacement_names is {shown(list(names))}, expected names or -')
-    for factor in scale:
-        if not finite('displacement_scale', factor):
-            expected = 'a finite number other than 0 [m per unit of the reading]'
-            raise ArmDefinitionError('displacement_scale', factor, expected)
-    scale = len(arm.tendons) * scale if len(scale) == 1 else scale
-    scaled = {**given, 'displacement_scale': scale}
-    check_each(scaled, arm, 'displacement_names', 'displacement_scale', 'displacement_offset')
-    return EncoderCalibration(tuple(names), scale, tuple(given['displacement_offset']))
-
-
-def check_each(given: Values, arm: Arm, *names: str) -> None:
-    """Check that each of the lists ``names`` is empty or has a value for each tendon of ``arm``.
-
-    Raises:
-        ConfigError: if a list has another number of values.
-    """
-    for name in names:
-        if given[name]:
-            check_length(name, given[name], len(arm.tendons), ', one per tendon')
-
-
 def build_uncertainty(given: Values, arm: Arm) -> Uncertainty:
     """Return standard deviations of tensions, displacements, material and offsets of tendons."""
     model = given['model_error_stddev']
@@ -198,6 +57,38 @@ def build_uncertainty(given: Values, arm: Arm) -> Uncertainty:
         model_position=model * arm.length,
         model_rotation=2.0 * model,
     )
+
+
+def build_loads(given: Values) -> Loads:
+    """Return the loads on the arm.
+
+    Raises:
+        ConfigError: if a list has the wrong length.
+        ArmDefinitionError: if a load is invalid.
+    """
+    points, along = (
+        _vectors(f'{of}_force', given[f'{of}_force'], len(given[f'{of}_s']), f'{of}_s')
+        for of in ('loads.point', 'loads.distributed')
+    )
+    loads = Loads(
+        gravity=given['loads.gravity'],
+        fluid_density=given['loads.fluid_density'],
+        tip_force=given['loads.tip_force'],
+        tip_moment=given['loads.tip_moment'],
+        points=tuple(PointLoad(s, force) for s, force in zip(given['loads.point_s'], points)),
+        distributed=(DistributedLoad(given['loads.distributed_s'], along),) if along else (),
+        obstacles=_obstacles(given),
+    )
+    return loads.following(given['body.length']) if given['loads.tip_frame'] == TIP else loads
+
+
+def build_motion(given: Values) -> MotionProperties:
+    """Return damping and drag of a moving arm; ArmDefinitionError if a number is given twice."""
+    names = [field.name for field in dataclasses.fields(MotionProperties)]
+    values = {name: given[f'motion.{name}'] for name in names}
+    if given['motion.water']:
+        values |= WATERS[given['motion.water']]._asdict()
+    return MotionProperties(**values)
 
 
 def _material(given: Values) -> Material:
@@ -338,3 +229,55 @@ def _routed(given: Values, angles: Sequence[float], total: int) -> list[Tendon]:
 def _table(given: Values, name: str, s: Sequence[float]) -> Table:
     check_length(name, given[name], len(s), f', one for each of {name.split(".")[0]}.table_s')
     return Table(tuple(s), tuple(given[name]), name)
+
+
+def _obstacles(given: Values) -> tuple[Obstacle, ...]:
+    types = given['obstacles.type']
+    positions = given['obstacles.position']
+    directions = given['obstacles.direction'] or len(types) * (0.0, 0.0, 1.0)
+    points, axes = (
+        _vectors(f'obstacles.{name}', flat, len(types), 'obstacles.type')
+        for name, flat in (('position', positions), ('direction', directions))
+    )
+    radii = given['obstacles.radius'] or len(types) * (0.0,)
+    check_length('obstacles.radius', radii, len(types), ', one per obstacle')
+    columns: dict[str, Sequence[Any]] = {
+        **dict.fromkeys(('point', 'centre'), points),
+        **dict.fromkeys(('normal', 'axis'), axes),
+        'radius': radii,
+        'stiffness': _each(given, 'stiffness'),
+        'friction': _each(given, 'friction', 0.0),
+        'creep_speed': _each(given, 'creep_speed', Obstacle.creep_speed),
+    }
+    obstacles = []
+    for number, kind in enumerate(types):
+        make = _KINDS[kind]
+        try:
+            fields = [field.name for field in dataclasses.fields(make)]
+            obstacles.append(make(**{field: columns[field][number] for field in fields}))
+        except ArmDefinitionError as error:
+            name, at = error.field.partition('.')[2], f'{number}'
+            if name in ('normal', 'axis'):  # of a plane, of a cylinder
+                name, at = 'direction', f'{3 * number}:{3 * number + 3}'
+            raise ArmDefinitionError(
+                f'obstacles.{name}[{at}]', error.value, error.expected
+            ) from None
+    return tuple(obstacles)
+
+
+def _each(given: Values, name: str, default: float | None = None) -> tuple[float, ...]:
+    """Return the quantity ``name`` of each obstacle."""
+    name, count = f'obstacles.{name}', len(given['obstacles.type'])
+    values: tuple[float, ...] = given[name]
+    if not values and default is not None:
+        return count * (default,)
+    if len(values) == 1 and count:
+        return count * values
+    check_length(name, values, count, ', one for all or one per obstacle')
+    return values
+
+
+def _vectors(name: str, flat: tuple[float, ...], count: int, of: str) -> tuple[Vector, ...]:
+    """Return the vectors in the flat list ``name``, one for each value of the list ``of``."""
+    check_length(name, flat, 3 * count, f', three for each of {of}')
+    return tuple((flat[i], flat[i + 1], flat[i + 2]) for i in range(0, 3 * count, 3))

@@ -13,11 +13,11 @@ from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.material import DEFAULT_LAW, MotionProperties
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.validation import check_class
-from octo_arm_model.config import build
+from octo_arm_model.config import build, calibration
+from octo_arm_model.config.calibration import Calibration
 from octo_arm_model.config.parameter import check_together, refuse_unknown
 from octo_arm_model.config.parameter_files import find_path, load_parameters, naming
 from octo_arm_model.config.parameters import PARAMETERS, DiagnosticLimits
-from octo_arm_model.config.surroundings import build_loads, build_motion
 from octo_arm_model.rod.motion import Dynamics
 from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.rod.solver import Solver
@@ -69,8 +69,8 @@ class Config:
     markers_rate: float = 0.0
     diagnostic_limits: DiagnosticLimits = field(default_factory=DiagnosticLimits)
     tendon_limits: tuple[float, ...] = ()
-    load_cells: build.LoadCellCalibration = field(default_factory=build.LoadCellCalibration)
-    encoders: build.EncoderCalibration = field(default_factory=build.EncoderCalibration)
+    load_cells: Calibration = field(default_factory=Calibration)
+    encoders: Calibration = field(default_factory=Calibration)
     tension_type: str = ''
     tension_field: str = ''
     displacement_type: str = ''
@@ -109,8 +109,8 @@ class Config:
                 'material.poisson_ratio_stddev and tendons.offset_stddev go with model exact, not '
                 f'with {given["model"]}'
             )
-        build.check_each(given, arm, 'tendon_limits')
-        loads = build_loads(given)
+        calibration.check_each(given, arm, 'tendon_limits')
+        loads = build.build_loads(given)
         seconds = given['solve_budget.seconds'] or (1.0 if loads.obstacles else 0.08)
         return cls(
             arm=arm,
@@ -118,11 +118,11 @@ class Config:
             law=given['material.law'],
             shear=given['material.shear'],
             loads=loads,
-            motion=build_motion(given),
+            motion=build.build_motion(given),
             uncertainty=uncertainty,
             diagnostic_limits=DiagnosticLimits.of(given),
-            load_cells=build.build_load_cells(given, arm),
-            encoders=build.build_encoders(given, arm),
+            load_cells=calibration.build_load_cells(given, arm),
+            encoders=calibration.build_encoders(given, arm),
             solve_budget=Budget(given['solve_budget.iterations'], seconds),
             **{name: given[name] for name in cls.__dataclass_fields__ if name in given},
         )

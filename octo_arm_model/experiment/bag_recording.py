@@ -16,14 +16,11 @@ from octo_arm_model.bags.topics import (
     DESCRIPTION,
     MIDLINE,
     TABLE,
+    ArmTopics,
     Source,
-    arm_of,
     as_described,
     describe,
     namespace,
-    pick_displacements,
-    pick_tensions,
-    pick_topic,
 )
 from octo_arm_model.bags.writer import LEVEL, TENSIONS, BagWriter, SensorMessages
 from octo_arm_model.config.config import Config
@@ -50,22 +47,20 @@ class MeasuredTopics:
 
     def __init__(
         self,
-        reader: BagReader,
+        offered: ArmTopics,
         measured: MarkerSources,
         points: MeasuredPoints,
         base_frame: str,
         count: Count,
-        prefix: str | None = None,
     ) -> None:
-        """Choose the topics of ``reader`` with the points that ``measured`` describes.
+        """Choose among the topics ``offered`` those with the points that ``measured`` describes.
 
-        ``points`` checks them, and ``count`` counts the messages. Defaults are those of the arm in
-        the namespace ``prefix``.
+        ``points`` checks them, and ``count`` counts the messages.
 
         Raises:
             BagError: if a topic is missing, or has a type without points.
         """
-        self._reader, self._measured, self._points = reader, measured, points
+        self._reader, self._measured, self._points = offered.reader, measured, points
         self._base_frame, self._count = base_frame, count
         self.topics: list[str] = []
         self._fields: dict[str, str] = {}  # field with the points, by topic
@@ -73,21 +68,23 @@ class MeasuredTopics:
         if measured.marker_frames:
             names = (
                 measured.sources
-                or [topic for topic, kind in reader.topics.items() if kind == TF]
+                or [topic for topic, kind in self._reader.topics.items() if kind == TF]
                 or ['/tf']
             )
-            self.topics = [pick_topic(reader, name, (TF,), what) for name in names]
+            self.topics = [offered.named(name, (TF,), what) for name in names]
         else:
             several = len(measured.sources) > 1
             for source in measured.sources or (None,):
                 name, colon, field = (source or '').partition(':')
-                kinds = None if colon else ONE if several else (*MIDLINES, *ONE)
-                self.topics.append(pick_topic(reader, name or None, kinds, what, (), prefix))
                 if colon:
+                    self.topics.append(offered.named(name, None, what))
                     self._fields[self.topics[-1]] = field
+                else:
+                    kinds = ONE if several else (*MIDLINES, *ONE)
+                    self.topics.append(offered.pick(name or None, kinds, what))
             if len(set(self.topics)) < len(self.topics):
                 raise MeasurementError('--midlines names a topic twice, expected each once')
-        count.expect(reader.count(list(dict.fromkeys(self.topics))))
+        count.expect(self._reader.count(list(dict.fromkeys(self.topics))))
 
     def read(self, refusals: Refusals) -> StampedRows:
         """Return all frames; ``refusals`` count the messages that are left out.
@@ -184,7 +181,7 @@ class BagRecording:
 
     Attributes:
         reader: the bag.
-        prefix: namespace of the arm, if a topic of it was named, or None.
+        topics: topics of the arm of which a topic was named, or of all arms.
         cells: topic of the tensions, or None.
         encoders: topic of the encoder readings, or None.
         count: counter of the messages that are read.
@@ -205,14 +202,14 @@ class BagRecording:
             BagError: if there are neither tensions nor displacements, or a topic is missing.
         """
         self.reader, self.count, self.notes = reader, count, notes_on(reader)
-        self.prefix = prefix = arm_of(reader, tensions or displacements)
+        self.topics = ArmTopics.beside(reader, tensions or displacements)
         self.cells: Source | None = None
         has_file = files.displacements is not None
-        self.encoders = None if has_file else pick_displacements(reader, displacements, prefix)
+        self.encoders = None if has_file else self.topics.displacements(displacements)
         if files.tensions is None:
             without = (self.encoders.topic,) if self.encoders else ()
             try:
-                self.cells = pick_tensions(reader, tensions, without, prefix)
+                self.cells = self.topics.tensions(tensions, without)
             except BagError:
                 if tensions is not None or not (self.encoders or has_file):
                     raise

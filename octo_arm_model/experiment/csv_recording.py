@@ -129,7 +129,7 @@ def csv_displacements(table: CsvTable, config: Config, refusals: Refusals) -> St
     for column, name in zip(rows.T, names):
         if name != NONE and table.has(name):
             column[:] = table.numbers(name, LENGTH_UNITS, 'm', bool(encoders.scale))
-    rows = encoders.lengths(rows)
+    rows = encoders.scale_and_offset(rows)
     kept = np.flatnonzero(np.isfinite(rows).any(axis=1)).tolist()
     for _ in range(len(rows) - len(kept)):
         refusals.count(str(table.path), NO_READING)

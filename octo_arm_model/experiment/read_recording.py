@@ -135,7 +135,7 @@ def _gather(
         from octo_arm_model.experiment.bag_recording import MeasuredTopics
 
         chosen = measured, points, config.base_frame
-        topics = MeasuredTopics(bag.reader, *chosen, bag.count, bag.prefix)
+        topics = MeasuredTopics(bag.topics, *chosen, bag.count)
     tables: dict[str, CsvTable] = {}
     tensions = encoders = None
     if files.tensions is not None:

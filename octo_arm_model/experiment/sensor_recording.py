@@ -17,7 +17,7 @@ from octo_arm_model.bags.sensor_topics import (
     read_measured,
     read_tension_rows,
 )
-from octo_arm_model.bags.topics import MIDLINE, describe, sensed_by, usual_topics
+from octo_arm_model.bags.topics import MIDLINE, ArmTopics, describe, sensed_by
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.model import PATIENT, ArmModel
 from octo_arm_model.estimation.settings import (
@@ -140,7 +140,7 @@ def read_sensor_recording(
     if not groups:
         where = ', '.join(sensors.all)
         raise BagError(f'{reader.path}: nothing measured on {where}{refusals.in_short}')
-    usual = usual_topics(reader, MIDLINE, MIDLINES, sensors.prefix)
+    usual = ArmTopics(reader, sensors.prefix).usual(MIDLINE, MIDLINES)
     topic = sources.midlines
     if topic is None and len(usual) == 1:
         topic = usual[0]
@@ -211,7 +211,9 @@ def _camera(
     """
     measured = MarkerSources((topic,))
     points = MeasuredPoints(measured, config.arm.length)
-    seen = MeasuredTopics(reader, measured, points, config.base_frame, Count()).read(refusals)
+    seen = MeasuredTopics(ArmTopics(reader), measured, points, config.base_frame, Count()).read(
+        refusals
+    )
     recording = assemble({}, stamped, None, seen, points, refusals, notes)
     alignment = sources.alignment
     if alignment is None and recording.frame_id == config.base_frame:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from octo_arm_model.arm.errors import ArmDefinitionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import positive
-from octo_arm_model.config.build import LoadCellCalibration
+from octo_arm_model.config.calibration import Calibration
 from octo_arm_model.config.parameter import ParameterGroup, stated
 
 
@@ -180,7 +180,7 @@ class Hardware:
     winches: Winches = field(default_factory=Winches)
     load_cells: LoadCells = field(default_factory=LoadCells)
     relaxation: Relaxation = field(default_factory=Relaxation)
-    calibration: LoadCellCalibration = field(default_factory=LoadCellCalibration)
+    calibration: Calibration = field(default_factory=Calibration)
 
 
 class SimulatedHardware:

@@ -19,6 +19,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MIN_RATE
 from octo_arm_model.arm.material import MotionProperties
 from octo_arm_model.arm.validation import within
+from octo_arm_model.config.calibration import Calibration
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter import ParameterGroup, check_together, refuse_unknown, stated
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
@@ -191,7 +192,7 @@ class SimulatorConfig:
         push, sensors = Push.of(given), Sensors.of(given)
         for name, s in (('push.s', push.s), *(('sensors.marker_s', s) for s in sensors.marker_s)):
             within(name, s, 0.0, config.arm.length, 'm')
-        if not config.encoders.is_identity:
+        if config.encoders != Calibration():
             raise ConfigError(
                 'displacement_names, displacement_scale and displacement_offset are of real '
                 'encoders, and those of a simulator read lengths by name: leave them out'

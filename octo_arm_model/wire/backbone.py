@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -46,22 +46,21 @@ class BackboneWriter:
             ConfigError: if UTF-8 cannot hold a name.
         """
         frame = cdr.text_field('frame_id', frame_id)
-        self._poses = cdr.Template(pose_array(frame, s.size))
-        self._path = cdr.Template(path(frame, s.size))
-        strains = cdr.Layout(frame)
+        self._poses = pose_array(frame, s.size)
+        self._path = path(frame, s.size)
+        self._strains = strains = cdr.Template(frame)
         strains.constants(cdr.text_field('model', model))
         for values in (s.astype('<f8'), section.astype('<i4')):
             strains.count(s.size)
             strains.constants(values)
         for _ in ('tau', 'xi', 'k', 'q'):
             strains.sequence(s.size)
-        self._strains = cdr.Template(strains)
-        self._tip = cdr.Template(pose_with_covariance(frame))
-        lengths = tendon_tensions(frame, tendon_names)  # with positions in place of tensions
+        self._tip = pose_with_covariance(frame)
+        # With positions in place of tensions.
+        self._lengths = lengths = tendon_tensions(frame, tendon_names)
         lengths.count(0)  # no velocities
         lengths.sequence(len(tendon_names))
-        self._lengths = cdr.Template(lengths)
-        self._tensions = cdr.Template(tendon_tensions(frame, tendon_names))
+        self._tensions = tendon_tensions(frame, tendon_names)
 
     @classmethod
     def of(cls, frame_id: str, solver: Solver) -> BackboneWriter:
@@ -90,13 +89,16 @@ class BackboneWriter:
         return self._tip.write(sec, nanosec, *values)
 
     def all(
-        self, backbone: Backbone, covariance: FloatArray, sec: int, nanosec: int
-    ) -> Iterator[bytes]:
-        """Iterate over the messages on `BACKBONE_TOPICS`; each is written when it is reached."""
-        yield self.path(backbone, sec, nanosec)
-        yield self.poses(backbone, sec, nanosec)
-        yield self.strains(backbone, sec, nanosec)
-        yield self.tip_pose(backbone, covariance, sec, nanosec)
+        self, backbone: Backbone, covariance: FloatArray | None, sec: int, nanosec: int
+    ) -> dict[str, bytes]:
+        """Return the messages by topic; no pose of the tip without its ``covariance``."""
+        writers = self.path, self.poses, self.strains
+        messages = {
+            topic: write(backbone, sec, nanosec) for topic, write in zip(BACKBONE_TOPICS, writers)
+        }
+        if covariance is not None:
+            messages[TIP_POSE] = self.tip_pose(backbone, covariance, sec, nanosec)
+        return messages
 
     def tendon_lengths(
         self, lengths: FloatArray, tensions: FloatArray, sec: int, nanosec: int
@@ -109,33 +111,33 @@ class BackboneWriter:
         return self._tensions.write(sec, nanosec, tensions.ravel())
 
 
-def pose_array(frame: bytes, stations: int) -> cdr.Layout:
-    """Return the layout of a geometry_msgs/PoseArray."""
-    layout = cdr.Layout(frame)
+def pose_array(frame: bytes, stations: int) -> cdr.Template:
+    """Return the template of a geometry_msgs/PoseArray."""
+    layout = cdr.Template(frame)
     layout.count(stations)
     layout.poses(stations)
     return layout
 
 
-def path(frame: bytes, stations: int) -> cdr.Layout:
-    """Return the layout of a nav_msgs/Path, in which every pose has the header of the path."""
-    layout = cdr.Layout(frame)
+def path(frame: bytes, stations: int) -> cdr.Template:
+    """Return the template of a nav_msgs/Path, in which every pose has the header of the path."""
+    layout = cdr.Template(frame)
     layout.count(stations)
     layout.poses(stations, frame)
     return layout
 
 
-def pose_with_covariance(frame: bytes) -> cdr.Layout:
-    """Return the layout of a geometry_msgs/PoseWithCovarianceStamped."""
-    layout = cdr.Layout(frame)
+def pose_with_covariance(frame: bytes) -> cdr.Template:
+    """Return the template of a geometry_msgs/PoseWithCovarianceStamped."""
+    layout = cdr.Template(frame)
     layout.poses(1)
     layout.numbers(6, 6)
     return layout
 
 
-def tendon_tensions(frame: bytes, names: Sequence[str]) -> cdr.Layout:
-    """Return the layout of an octo_arm_msgs/TendonTensions of the tendons ``names``."""
-    layout = cdr.Layout(frame)
+def tendon_tensions(frame: bytes, names: Sequence[str]) -> cdr.Template:
+    """Return the template of an octo_arm_msgs/TendonTensions of the tendons ``names``."""
+    layout = cdr.Template(frame)
     layout.count(len(names))
     layout.constants(*(cdr.text_field('tendon name', name) for name in names))
     layout.sequence(len(names))
@@ -192,7 +194,7 @@ class TensionProfilesWriter:
         fields = [(axis, 4 * number, _FLOAT32) for number, axis in enumerate('xyz')]
         for number, name in enumerate(['s', *(PREFIX + name for name in tendon_names)], _S):
             fields.append((name, 8 * number, _FLOAT64))
-        layout = cdr.Layout(cdr.text_field('frame_id', frame_id))
+        self._template = layout = cdr.Template(cdr.text_field('frame_id', frame_id))
         layout.count(1)  # height
         layout.count(s.size)  # width
         layout.count(len(fields))
@@ -206,7 +208,6 @@ class TensionProfilesWriter:
         layout.count(points.nbytes)  # bytes of the only row
         layout.sequence(points.nbytes, kind='|u1')
         layout.constants(np.array([1], '<u1'))  # is_dense: no number is missing
-        self._template = cdr.Template(layout)
 
     def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Return the message of a single solution; ConfigError if no stamp holds the time."""

@@ -10,7 +10,7 @@ from octo_arm_model.arm.errors import MessageError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.estimate import NO_CONTACT, Contact, Estimate
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, TENSION_ESTIMATES, tendon_tensions
-from octo_arm_model.wire.cdr import Layout, Template, text_field
+from octo_arm_model.wire.cdr import Template, text_field
 
 COVARIANCE = 'backbone/covariance'
 COVARIANCE_TYPE = 'octo_arm_msgs/msg/BackboneCovariance'
@@ -75,15 +75,15 @@ class EstimateWriter:
             ConfigError: if UTF-8 cannot hold a name.
         """
         frame = text_field('frame_id', frame_id)
-        covariance, wrench = Layout(frame), Layout(frame)
+        covariance, wrench = Template(frame), Template(frame)
         covariance.count(s.size)
         covariance.constants(s.astype('<f8'))
         covariance.sequence(s.size * _PARTS**2)
         covariance.numbers(1)
         covariance.numbers(_PARTS, _PARTS)
         wrench.numbers(_PARTS)
-        self._covariance, self._wrench = Template(covariance), Template(wrench)
-        self._bias = Template(tendon_tensions(frame, arm.tendon_names))
+        self._covariance, self._wrench = covariance, wrench
+        self._bias = tendon_tensions(frame, arm.tendon_names)
 
     def write(
         self,

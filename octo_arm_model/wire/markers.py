@@ -1,7 +1,5 @@
 """The markers and frames of an arm, and the markers of the uncertainty of an estimate."""
 
-from typing import TypeAlias
-
 import numpy as np
 
 from octo_arm_model.analysis import drawing
@@ -9,15 +7,53 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.material import LINEAR
 from octo_arm_model.rod.backbone import Backbone
-from octo_arm_model.wire.cdr import Layout, Template, text_field
+from octo_arm_model.wire.cdr import Template, text_field
 
 # Constants of visualization_msgs/Marker.
 _TRIANGLE_LIST, _CYLINDER, _LINE_STRIP = 11, 3, 4
-ADD = 0
+ADD, _DELETE = 0, 2
 
 BODY_COLOUR = (0.85, 0.55, 0.5, 0.45)  # transparent, so that the tendons inside are visible
 DISC_COLOUR = (0.25, 0.25, 0.3, 0.8)
 _ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], '<f8')  # position and quaternion
+
+
+class _MarkerArray(Template):
+    """The template of a visualization_msgs/MarkerArray, to which markers are added."""
+
+    def __init__(self, frame_id: str, count: int) -> None:
+        """Begin an array of ``count`` markers; ConfigError if UTF-8 cannot hold ``frame_id``."""
+        super().__init__()
+        self._frame = text_field('frame_id', frame_id)
+        self.count(count)
+
+    def begin(self, namespace: bytes, number: int, kind: int, action: int = ADD) -> None:
+        """Add the first fields of a Marker; pose, scale and colour follow."""
+        self.header(self._frame)
+        self.constants(namespace, np.array([number, kind, action], '<i4'))
+
+    def finish(self, points: int) -> None:
+        """Add the last fields of a Marker, with a lifetime until the next one of its name."""
+        self.constants(np.zeros(2, '<u4'), np.zeros(1, '<u1'))  # lifetime, frame_locked
+        self.count(points)
+        if points:
+            self.numbers(points, 3)
+        self.count(0)  # colors
+        self.constants(b'', np.zeros(2, '<u4'), b'', b'')  # no texture: resource, header, format
+        self.count(0)  # its data
+        self.count(0)  # uv_coordinates
+        self.constants(b'', b'', b'')  # text, mesh_resource, mesh_file.filename
+        self.count(0)  # mesh_file.data
+        self.constants(np.zeros(1, '<u1'))  # mesh_use_embedded_materials
+
+    def triangles(
+        self, namespace: bytes, colour: tuple[float, ...], corners: int, action: int = ADD
+    ) -> None:
+        """Add a Marker of triangles, number 0 of its ``namespace``, whose ``corners`` vary."""
+        self.begin(namespace, 0, _TRIANGLE_LIST, action)
+        # RViz multiplies the points by the scale.
+        self.constants(_ORIGIN, np.ones(3, '<f8'), np.array(colour, '<f4'))
+        self.finish(corners)
 
 
 class MarkersWriter:
@@ -35,22 +71,21 @@ class MarkersWriter:
         """
         self._drawing = shape = drawing.Drawing(arm, s, law)
         self._corners = shape.triangles.ravel()
-        frame = text_field('frame_id', frame_id)
-        layout = Layout()
-        layout.count(1 + shape.disc_count + len(shape.tendon_points))
-        _add_triangles(layout, frame, b'body', BODY_COLOUR, self._corners.size)
+        count = 1 + shape.disc_count + len(shape.tendon_points)
+        self._template = markers = _MarkerArray(frame_id, count)
+        markers.triangles(b'body', BODY_COLOUR, self._corners.size)
+        thickness, colour = np.array([shape.disc_thickness], '<f8'), np.array(DISC_COLOUR, '<f4')
         for index in range(shape.disc_count):
-            _begin_marker(layout, frame, b'anchorages', index + 1, _CYLINDER)
-            layout.poses(1)
-            layout.numbers(2)
-            layout.constants(np.array([shape.disc_thickness], '<f8'), np.array(DISC_COLOUR, '<f4'))
-            _finish_marker(layout, 0)
+            markers.begin(b'anchorages', index + 1, _CYLINDER)
+            markers.poses(1)
+            markers.numbers(2)
+            markers.constants(thickness, colour)
+            markers.finish(0)
         for index, points in enumerate(shape.tendon_points):
-            _begin_marker(layout, frame, b'tendons', index + 1, _LINE_STRIP)
-            layout.constants(_ORIGIN, np.array([shape.line_width, 0.0, 0.0], '<f8'))
-            layout.numbers(4, kind='<f4')
-            _finish_marker(layout, points)
-        self._template = Template(layout)
+            markers.begin(b'tendons', index + 1, _LINE_STRIP)
+            markers.constants(_ORIGIN, np.array([shape.line_width, 0.0, 0.0], '<f8'))
+            markers.numbers(4, kind='<f4')
+            markers.finish(points)
 
     def write(
         self, backbone: Backbone, sec: int, nanosec: int, largest_tension: float | None = None
@@ -95,13 +130,12 @@ class FramesWriter:
         self._stations = [s.size - 1, *drawing.anchorage_stations(arm, s).tolist()]
         parent = text_field('base_frame', base_frame)
         names = ['tip', *(f'anchorage_{number}' for number in range(1, len(self._stations)))]
-        layout = Layout()
-        layout.count(len(names))
+        self._template = frames = Template()
+        frames.count(len(names))
         for name in names:
-            layout.header(parent)
-            layout.constants(text_field('frame_prefix', prefix + name))
-            layout.poses(1)
-        self._template = Template(layout)
+            frames.header(parent)
+            frames.constants(text_field('frame_prefix', prefix + name))
+            frames.poses(1)
 
     def write(self, backbone: Backbone, sec: int, nanosec: int) -> bytes:
         """Return the frames of a single solution; raise ConfigError if no stamp holds the time."""
@@ -109,45 +143,6 @@ class FramesWriter:
         for station in self._stations:
             values += [backbone.position[station], backbone.quaternion[station]]
         return self._template.write(sec, nanosec, *values)
-
-
-Colour: TypeAlias = tuple[float, float, float, float]
-
-
-def _add_triangles(
-    layout: Layout, frame: bytes, namespace: bytes, colour: Colour, corners: int, action: int = ADD
-) -> None:
-    """Add a Marker of triangles, number 0 of its ``namespace``, whose ``corners`` vary."""
-    _begin_marker(layout, frame, namespace, 0, _TRIANGLE_LIST, action)
-    # RViz multiplies the points by the scale.
-    layout.constants(_ORIGIN, np.ones(3, '<f8'), np.array(colour, '<f4'))
-    _finish_marker(layout, corners)
-
-
-def _begin_marker(
-    layout: Layout, frame: bytes, namespace: bytes, number: int, kind: int, action: int = ADD
-) -> None:
-    """Add the first fields of a Marker; pose, scale and colour follow."""
-    layout.header(frame)
-    layout.constants(namespace, np.array([number, kind, action], '<i4'))
-
-
-def _finish_marker(layout: Layout, points: int) -> None:
-    """Add the last fields of a Marker, with a lifetime until the next one of its name."""
-    layout.constants(np.zeros(2, '<u4'), np.zeros(1, '<u1'))  # lifetime, frame_locked
-    layout.count(points)
-    if points:
-        layout.numbers(points, 3)
-    layout.count(0)  # colors
-    layout.constants(b'', np.zeros(2, '<u4'), b'', b'')  # no texture: resource, header, format
-    layout.count(0)  # its data
-    layout.count(0)  # uv_coordinates
-    layout.constants(b'', b'', b'')  # text, mesh_resource, mesh_file.filename
-    layout.count(0)  # mesh_file.data
-    layout.constants(np.zeros(1, '<u1'))  # mesh_use_embedded_materials
-
-
-_DELETE = 2  # constant of visualization_msgs/Marker
 
 
 class UncertaintyMarkersWriter:
@@ -164,7 +159,6 @@ class UncertaintyMarkersWriter:
             ConfigError: if UTF-8 cannot hold ``frame_id``.
         """
         self._drawing = drawing.UncertaintyDrawing(arm, s)
-        frame = text_field('frame_id', frame_id)
         parts = (
             (b'covariance', (0.35, 0.55, 0.85, 0.25), self._drawing.triangles),
             (b'contact', (0.1, 0.43, 0.2, 1.0), drawing.ARROW_TRIANGLES),
@@ -172,12 +166,11 @@ class UncertaintyMarkersWriter:
         )
         templates = []
         for drawn in (3, 1):  # the markers from this number on are deleted
-            layout = Layout()
-            layout.count(len(parts))
+            markers = _MarkerArray(frame_id, len(parts))
             for number, (name, colour, triangles) in enumerate(parts):
                 corners, action = (triangles.size, ADD) if number < drawn else (0, _DELETE)
-                _add_triangles(layout, frame, name, colour, corners, action)
-            templates.append(Template(layout))
+                markers.triangles(name, colour, corners, action)
+            templates.append(markers)
         self._with_force, self._without = templates
 
     def write(

@@ -17,7 +17,7 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import TensionError, listed, shown
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.config.build import EncoderCalibration
+from octo_arm_model.config.calibration import Calibration
 from octo_arm_model.rod.displacements import check_displacements
 
 NONE = '-'
@@ -250,7 +250,7 @@ DISPLACEMENT_TYPE = 'sensor_msgs/msg/JointState'
 
 
 def read_displacements(
-    message: Any, arm: Arm, encoders: EncoderCalibration = EncoderCalibration(), field: str = ''
+    message: Any, arm: Arm, encoders: Calibration = Calibration(), field: str = ''
 ) -> dict[str, float]:
     """Return the length reeled in [m] by tendon, from readings of ``encoders`` in a ``message``.
 
@@ -275,7 +275,7 @@ def read_displacements(
     hint = 'displacement_names (--motors)'
     readings = tensions_by_names(values, names, chosen, arm, hint).ravel()
     has_reading = [name != NONE for name in chosen or tendons]
-    lengths = zip(tendons, encoders.lengths(readings).tolist(), has_reading, strict=True)
+    lengths = zip(tendons, encoders.scale_and_offset(readings).tolist(), has_reading, strict=True)
     displacements = {name: length for name, length, is_read in lengths if is_read}
     check_displacements(arm, displacements, {})
     return displacements

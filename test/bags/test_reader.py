@@ -33,7 +33,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from octo_arm_model.arm.errors import BagError
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.topics import TYPES as TENSION_TYPES
-from octo_arm_model.bags.topics import pick_topic
+from octo_arm_model.bags.topics import ArmTopics
 from octo_arm_model.bags.types import types_for
 from octo_arm_model.bags.writer import STORAGES, BagWriter
 
@@ -180,7 +180,7 @@ def test_a_type_that_nothing_defines_is_an_error(tmp_path):
     old_bag(tmp_path / 'bag', 5, 'robot_msgs/msg/Pull')
     with BagReader(tmp_path / 'bag') as reader:
         with pytest.raises(BagError, match=r'nothing defines the type robot_msgs/msg/Pull'):
-            pick_topic(reader, None, ['robot_msgs/msg/Pull'], 'pulls')
+            ArmTopics(reader).pick(None, ['robot_msgs/msg/Pull'], 'pulls')
 
 
 def string_bag(path: Path, topics: dict[str, str]) -> Path:
@@ -221,10 +221,10 @@ LENGTHS = {'/tendon_lengths': JOINT_STATE}  # an answer of the model
 def test_the_topic_is_picked(tmp_path, topics, wanted, expected):
     with BagReader(string_bag(tmp_path / 'bag', topics)) as reader:
         if expected.startswith('/'):
-            assert pick_topic(reader, wanted, TENSION_TYPES, 'tensions') == expected
+            assert ArmTopics(reader).pick(wanted, TENSION_TYPES, 'tensions') == expected
         else:
             with pytest.raises(BagError, match=re.escape(expected)):
-                pick_topic(reader, wanted, TENSION_TYPES, 'tensions')
+                ArmTopics(reader).pick(wanted, TENSION_TYPES, 'tensions')
 
 
 def split_bag(path: Path, parts: list[list[Sample]], storage: str) -> Path:

@@ -71,7 +71,7 @@ def expected_messages(
 ) -> list[bytes]:
     """Answer of the node, on every topic but the lengths."""
     known = np.zeros((6, 6)) if covariance is None else covariance
-    return list(writer_of(config).all(backbone, known, *divmod(stamp_ns, 10**9)))
+    return [*writer_of(config).all(backbone, known, *divmod(stamp_ns, 10**9)).values()]
 
 
 # The same bytes ---------------------------------------------------------------------------------

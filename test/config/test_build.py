@@ -15,7 +15,7 @@ from octo_arm_model import (
     Sphere,
     TensionError,
 )
-from octo_arm_model.config.build import LoadCellCalibration
+from octo_arm_model.config.calibration import Calibration
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.parameters import PARAMETERS
@@ -27,17 +27,15 @@ SCALES = tuple(0.8 + 0.05 * n for n in range(12))
 
 
 def test_readings_are_scaled_shifted_and_zeroed_within_the_deadband():
-    cells = LoadCellCalibration(0.02, OFFSETS, SCALES)
+    cells = Calibration(0.02, OFFSETS, SCALES)
     readings = np.random.default_rng(0).uniform(0.5, 2.0, (5, 3, 4))
     expected = np.reshape(SCALES, (3, 4)) * readings + np.reshape(OFFSETS, (3, 4))
     assert_allclose(cells.tensions(CONFIG.arm, readings), expected, rtol=1e-12)
     flat = cells.scale_and_offset(readings.reshape(5, 12))
     assert_array_equal(flat, cells.tensions(CONFIG.arm, readings).reshape(5, 12))
-    zeroed = LoadCellCalibration(0.02).tensions(
-        CONFIG.arm, np.full((3, 4), -0.02) + 0.01 * np.eye(3, 4)
-    )
+    zeroed = Calibration(0.02).tensions(CONFIG.arm, np.full((3, 4), -0.02) + 0.01 * np.eye(3, 4))
     assert (zeroed == 0.0).all()
-    assert LoadCellCalibration(0.02).scale_and_offset(np.array([0.021])).item() == 0.021
+    assert Calibration(0.02).scale_and_offset(np.array([0.021])).item() == 0.021
 
 
 @pytest.mark.parametrize('reading', [-0.021, np.nan, np.inf, -np.inf])
@@ -45,14 +43,14 @@ def test_readings_below_the_deadband_are_refused(reading):
     readings = np.zeros((3, 4))
     readings[1, 2] = reading
     with pytest.raises(TensionError, match=r'tension of tendon_2_3 is .*_deadband of 0.02 N'):
-        LoadCellCalibration(0.02).tensions(CONFIG.arm, readings)
+        Calibration(0.02).tensions(CONFIG.arm, readings)
 
 
 @pytest.mark.parametrize('wrong', [np.zeros(5), [['a', 'b']], np.zeros((4, 3)), [[1.0], [1.0, 2]]])
 def test_readings_of_wrong_shape_are_refused(wrong):
     readings = np.array(wrong, dtype=object) if len(wrong) == 2 else wrong
     with pytest.raises(TensionError, match='expected'):
-        LoadCellCalibration(0.02, OFFSETS).tensions(CONFIG.arm, readings)
+        Calibration(0.02, OFFSETS).tensions(CONFIG.arm, readings)
 
 
 @pytest.mark.parametrize(

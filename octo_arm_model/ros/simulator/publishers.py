@@ -117,7 +117,7 @@ class ArmPublishers:
             writer = BackboneWriter(config.base_frame, shape.model, shape.s, shape.section)
             self._described = config, writer
         messages = self._described[1].all(shape, zero, header.stamp.sec, header.stamp.nanosec)
-        for publisher, data in zip(self._shapes, messages, strict=True):
+        for publisher, data in zip(self._shapes, messages.values(), strict=True):
             publisher.publish(data)
 
 
