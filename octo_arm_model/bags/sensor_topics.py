@@ -1,52 +1,18 @@
-"""The inputs of an estimator in a bag: topics of sensors, and measurements by stamp."""
+"""The inputs of an estimator in a bag: topics of sensors."""
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from octo_arm_model.arm.errors import BagError
-from octo_arm_model.arm.hints import FloatArray, IntArray
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.topics import TYPES, ArmTopics, Source, names, namespace
-from octo_arm_model.config.config import Config
-from octo_arm_model.estimation.measurements import Measurement, Tensions
-from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, MeasuredArm
-from octo_arm_model.wire.messages import Refusals
+from octo_arm_model.estimation.measurements import Measurement
+from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS
 from octo_arm_model.wire.tensions import DISPLACEMENTS, TENSION_TOPICS
 
 NONE = '-'  # stands for a topic that is not used
-
-
-class StampedMeasurement(NamedTuple):
-    """A measurement with its stamp and its time of receipt.
-
-    Attributes:
-        stamp_ns: time of the measurement [ns].
-        received_ns: time at which the recorder received it [ns].
-        measurement: the measurement.
-    """
-
-    stamp_ns: int
-    received_ns: int
-    measurement: Measurement
-
-
-class RecordedTensions(NamedTuple):
-    """Calibrated readings of load cells, which may be below zero by noise.
-
-    Attributes:
-        stamps_ns: times of the readings, (n,) [ns].
-        received_ns: times at which the recorder received them, (n,) [ns].
-        rows: tensions, (n, tendons) [N].
-    """
-
-    stamps_ns: IntArray
-    received_ns: IntArray
-    rows: FloatArray
 
 
 @dataclass(frozen=True)
@@ -129,61 +95,3 @@ def find_sensors(
             f'{", ".join(MEASUREMENT_TOPICS)}; {reader.listing}'
         )
     return sensors
-
-
-def read_tension_rows(
-    reader: BagReader,
-    sensors: SensorTopics,
-    config: Config,
-    refusals: Refusals,
-    done: Callable[[int], None] = lambda count: None,
-) -> RecordedTensions:
-    """Read all tensions, in the order in which they were received.
-
-    ``refusals`` count the messages left out; ``done`` is called with 1 for each message.
-
-    Raises:
-        BagError: if the bag is damaged.
-    """
-    times, rows = [], []
-    for record in reader.messages([sensors.tensions.topic]) if sensors.tensions else ():
-        assert sensors.tensions is not None
-        reading = sensors.tensions.read(reader, config, record, raw=True)
-        if reading.tensions is None:
-            refusals.count(record.topic, reading.reason)
-        else:
-            times.append((reading.stamp.ns, record.received_ns))
-            rows.append(reading.tensions.ravel())
-        done(1)
-    table = np.array(rows, np.float64).reshape(-1, len(config.arm.tendons))
-    stamps, received = np.array(times, np.int64).reshape(-1, 2).T
-    return RecordedTensions(stamps, received, table)
-
-
-def read_measured(
-    reader: BagReader,
-    sensors: SensorTopics,
-    tensions: RecordedTensions,
-    arm: MeasuredArm,
-    refusals: Refusals,
-    done: Callable[[int], None] = lambda count: None,
-) -> list[list[StampedMeasurement]]:
-    """Read all measurements, sorted by stamp; those with the same stamp form a list.
-
-    Raises:
-        BagError: if the bag is damaged.
-    """
-    stamped = [
-        StampedMeasurement(int(stamp), int(received), Tensions(row, arm.settings.tension_stddev))
-        for stamp, received, row in zip(*tensions)
-    ]
-    for record in reader.messages(list(sensors.readers)):
-        done(1)
-        read = partial(sensors.readers[record.topic], arm=arm)
-        stamp, measurement, reason = reader.read(record, read)
-        if measurement is None:
-            refusals.count(record.topic, reason)
-        else:
-            stamped.append(StampedMeasurement(stamp.ns, record.received_ns, measurement))
-    stamped.sort(key=lambda m: m.stamp_ns)
-    return [list(group) for _, group in itertools.groupby(stamped, key=lambda m: m.stamp_ns)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import json
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -250,8 +249,8 @@ def _touch(touch: Touch) -> str:
 
 def _camera(result: Result) -> list[str]:
     """Describe the errors against the camera, for all frames and for those during a touch."""
-    camera = result.camera
-    assert camera is not None
+    camera, check = result.camera, result.recorded.camera
+    assert camera is not None and check is not None
     touched = np.zeros(camera.time.size, dtype=bool)
     for touch in result.touches:
         touched |= (camera.time >= touch.start) & (camera.time <= touch.stop)
@@ -263,7 +262,7 @@ def _camera(result: Result) -> list[str]:
             error, plain = (1e3 * _median(errors[frames]) for errors in pair)
             if np.isfinite(error):
                 lines.append(
-                    f'against {result.recorded.camera_topic}{when}: {name} off by {error:.2f} mm, '
+                    f'against {check.topic}{when}: {name} off by {error:.2f} mm, '
                     f'without the estimator {plain:.2f} mm (medians of {frames.sum()} frames)'
                 )
     return lines
@@ -375,9 +374,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Estimate from the measurements in the bag, and print and write the results."""
-    from octo_arm_model.experiment.bag_recording import opened as open_bag
     from octo_arm_model.experiment.estimates import EstimateTables, estimate
     from octo_arm_model.experiment.sensor_recording import read_sensor_recording
+    from octo_arm_model.experiment.table_bag import opened
 
     check_out(options, '--csv', folder=True)
     check_out(options, '--plot', folder=False, draws=True)
@@ -389,17 +388,11 @@ def run(options: argparse.Namespace) -> int:
     sources, out = _sources(options), options.out
     with contextlib.ExitStack() as resources:
         columns = read_columns(options.columns)
-        table = {**(sources.parameters or {}), **sources.values} if sources.parameters else None
-        is_table = options.bag.suffix == '.csv'
-        names = sources.marker_names if is_table else ()
-        to_base = np.asarray if sources.alignment is None else sources.alignment.to_base
         with Bar('messages') as bar:
-            reader = resources.enter_context(
-                open_bag(options.bag, table, sources.calibration, columns, names, to_base)
-            )
-            sources, more = _of_table(sources, reader) if is_table else (sources, [])
+            bag = opened(options.bag, sources, columns, with_points=True)
+            reader, sources = resources.enter_context(bag)
             recorded = read_sensor_recording(reader, sources, bar.on_terminal)
-        notes = [*recorded.notes, *more]
+        notes = list(recorded.notes)
         sensors = ([TENSIONS] if recorded.sensors.tensions else []) + list(recorded.sensors.others)
         _refuse_idle(options, sensors, recorded.settings.unknowns)
         if recorded.camera is None:
@@ -451,18 +444,6 @@ def _sources(options: argparse.Namespace) -> Sources:
         options.clock_offset,
         tuple(options.marker_names),
     )
-
-
-def _of_table(sources: Sources, reader: BagReader) -> tuple[Sources, list[str]]:
-    """Return the ``sources`` of the bag that a table became, and remarks on its points."""
-    from octo_arm_model.bags.topics import MIDLINE
-
-    sources = dataclasses.replace(sources, calibration={}, marker_names=())
-    if reader.topics.keys().isdisjoint(f'/{name}' for name in (TIP_POSE, MARKERS, MIDLINE)):
-        return sources, []
-    notes = [] if sources.alignment else ['points of a table are in base_frame, or say --align']
-    # The points are in base_frame by now.
-    return dataclasses.replace(sources, alignment=None), notes
 
 
 def _bag_output(

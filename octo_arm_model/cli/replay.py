@@ -82,21 +82,20 @@ def run(options: argparse.Namespace) -> None:
     from octo_arm_model.bags.replay import CsvAnswers, replay
     from octo_arm_model.bags.topics import find_arms
     from octo_arm_model.bags.writer import BagWriter
-    from octo_arm_model.experiment.bag_recording import opened as open_bag
+    from octo_arm_model.experiment.sensor_recording import Sources
+    from octo_arm_model.experiment.table_bag import opened
 
     step = arguments.read_dynamic(options)
     if step is not None and options.model not in (None, 'exact'):
         raise ConfigError(f'--model is {options.model}, which does not move: expected exact')
-    parameters = arguments.read_config_option(options)
+    given = arguments.read_config_option(options), arguments.read_calibration(options)
     start = time.monotonic()
     check_out(options, '--csv', folder=True)
-    calibration = arguments.read_calibration(options)
-    source = open_bag(options.bag, parameters, calibration, read_columns(options.columns))
-    with unwritten(options.out), Bar('messages') as bar, source as reader:
-        if options.bag.suffix == '.csv':
-            parameters, calibration = None, {}
-        named = options.topics, parameters, options.model, calibration, options.displacements
-        arms = find_arms(reader, *named)
+    wanted = Sources(parameters=given[0], calibration=given[1])
+    bag = opened(options.bag, wanted, read_columns(options.columns), with_points=False)
+    with unwritten(options.out), Bar('messages') as bar, bag as (reader, rest):
+        of_arm = rest.parameters, options.model, rest.calibration
+        arms = find_arms(reader, options.topics, *of_arm, options.displacements)
         sources = [source for arm in arms for source in arm.sources]
         are_lengths = {source.is_displacements for source in sources}
         if False not in are_lengths:

@@ -221,20 +221,26 @@ class CameraErrors:
 
 
 class CameraCheck:
-    """Compares the frames of a camera with the estimates nearest in time."""
+    """Compares the frames of a camera with the estimates nearest in time.
+
+    Attributes:
+        topic: topic of the frames.
+    """
 
     def __init__(
         self,
+        topic: str,
         recording: Recording,
         offset: float,
         lines: Sequence[FloatArray],
         alignment: Alignment | None,
         solver: Solver,
     ) -> None:
-        """Compare with the ``lines`` of a ``recording``, from the base on, in the camera's frame.
+        """Compare with the ``lines`` of a ``recording`` of a ``topic``, from the base on.
 
-        ``offset`` [s] is added to their stamps; an ``alignment`` of None is fitted. The shape
-        without the estimator is that of ``solver`` under the measured tensions.
+        They are in the camera's frame. ``offset`` [s] is added to their stamps; an ``alignment``
+        of None is fitted. The shape without the estimator is that of ``solver`` under the
+        measured tensions.
 
         Raises:
             MeasurementError: if an alignment is to be fitted to tips.
@@ -245,7 +251,7 @@ class CameraCheck:
             )
         self._time, self._lines = recording.frame_time + offset, lines
         self._alignment, self._solver, self._recording = alignment, solver, recording
-        self._next = 0
+        self.topic, self._next = topic, 0
         self._last: tuple[float, FloatArray] | None = None
         self._pairs: list[tuple[int, FloatArray]] = []
 

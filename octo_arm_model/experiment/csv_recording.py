@@ -51,13 +51,12 @@ class CsvSources:
         shared = {k: v for k, v in self.columns.items() if k.partition(':')[0] not in KINDS}
         return shared | {name: v for (prefix, _, name), v in split if prefix == kind and name}
 
-    def read(self, kind: str, path: Path | None, tables: dict[str, CsvTable]) -> CsvTable:
+    def read(self, kind: str, path: Path, tables: dict[str, CsvTable]) -> CsvTable:
         """Read the file of this ``kind`` at ``path``, and add it to the ``tables`` by kind.
 
         Raises:
             MeasurementError: if it cannot be read, is too large, or a row is too short or long.
         """
-        assert path is not None
         tables[kind] = read_csv(path, self.columns_of(kind), has_time=not self.is_poses)
         return tables[kind]
 
@@ -83,12 +82,11 @@ def csv_tensions(table: CsvTable, config: Config, refusals: Refusals) -> Stamped
     Raises:
         MeasurementError: if a column is missing or a cell does not hold a number.
     """
-    arm, stamped = config.arm, StampedRows(str(table.path), [], [])
+    arm, stamped = config.arm, StampedRows(str(table.path))
     for stamp, row in zip(*csv_readings(table, config), strict=True):
         try:
             tensions = config.load_cells.tensions(arm, row.reshape(arm.tension_shape))
-            stamped.rows.append(tensions.ravel())
-            stamped.stamps.append(stamp)
+            stamped.add(stamp, tensions.ravel())
         except TensionError as error:
             refusals.count(stamped.source, str(error))
     return stamped
@@ -179,11 +177,10 @@ def csv_frames(
                 'expected one row for each tip, at a time of its own, or all points of a midline'
             )
     is_midline = max(len(frame) for _, frame in grouped) > 1
-    frames = StampedRows(str(table.path), [], [])
+    frames = StampedRows(str(table.path))
     for stamp, place in grouped:
         try:
-            frames.rows.append(points.check(place, is_midline))
-            frames.stamps.append(stamp)
+            frames.add(stamp, points.check(place, is_midline))
         except MeasurementError as error:
             refusals.count(frames.source, str(error))
     return frames

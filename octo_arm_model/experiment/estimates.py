@@ -10,7 +10,6 @@ import numpy as np
 
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError, SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.bags.sensor_topics import StampedMeasurement
 from octo_arm_model.config.files import CsvFiles
 from octo_arm_model.estimation.estimate import Contact, Estimate, contact_of
 from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
@@ -19,7 +18,7 @@ from octo_arm_model.estimation.rules import Consistency, count_innovations
 from octo_arm_model.estimation.smoother import check_count, smooth_steps
 from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.camera import CameraErrors
-from octo_arm_model.experiment.sensor_recording import SensorRecording
+from octo_arm_model.experiment.sensor_recording import SensorRecording, StampedMeasurement
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.wire.messages import Refusals
 

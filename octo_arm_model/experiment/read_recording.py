@@ -76,9 +76,10 @@ def read_recording(  # noqa: PLR0913 - options of a command
     from octo_arm_model.experiment.bag_recording import BagRecording
 
     with BagReader(path) as reader:
-        bag = BagRecording(reader, tensions, displacements, files, Count(progress))
+        count = Count(progress)
+        bag = BagRecording(reader, tensions, displacements, measured, files, count)
         parameters = bag.described() if given is None else given
-        return _gather(bag, sensed_by(bag.reader, parameters, calibration), measured, files)
+        return _gather(bag, sensed_by(reader, parameters, calibration), measured, files)
 
 
 def _check_sources(
@@ -126,18 +127,12 @@ def _gather(
     files: CsvSources,
 ) -> Recording:
     """Read tensions, encoder readings and frames, each from a file or from the ``bag``."""
-    refusals, notes = Refusals(), [] if bag is None else bag.notes
+    refusals, tables = Refusals(), dict[str, CsvTable]()
     config = Config.from_parameters(parameters)
     points = MeasuredPoints(measured, config.arm.length)
-    # Topics are chosen before anything is read, because those of measured points may be missing.
-    topics = None
-    if bag is not None and files.midlines is None:
-        from octo_arm_model.experiment.bag_recording import MeasuredTopics
-
-        chosen = measured, points, config.base_frame
-        topics = MeasuredTopics(bag.topics, *chosen, bag.count)
-    tables: dict[str, CsvTable] = {}
-    tensions = encoders = None
+    tensions = encoders = frames = None
+    if bag is not None:
+        tensions, encoders, frames = bag.read(config, points, refusals)
     if files.tensions is not None:
         table = files.read('tension', files.tensions, tables)
         # A table of poses has tensions or encoder readings.
@@ -145,20 +140,16 @@ def _gather(
             encoders = csv_displacements(table, config, refusals)
         else:
             tensions = csv_tensions(table, config, refusals)
-    elif bag is not None:
-        tensions = bag.readings(bag.cells, config, refusals)
     if files.displacements is not None:
         table = files.read('displacement', files.displacements, tables)
         encoders = csv_displacements(table, config, refusals)
-    elif bag is not None:
-        encoders = bag.readings(bag.encoders, config, refusals)
     for what, stamped in (('tensions', tensions), ('encoder readings', encoders)):
         if stamped is not None and not stamped.rows:
             raise BagError(f'no {what} for this arm on {stamped.source}{refusals.in_short}')
-    if topics is not None:
-        frames = topics.read(refusals)
-    else:
+    if files.midlines is not None:
         table = files.read('midline', files.midlines, tables)
         frames = csv_frames(table, measured, points, refusals)
+    assert frames is not None
     check_columns(files.columns, tables)
+    notes = [] if bag is None else bag.notes
     return assemble(parameters, tensions, encoders, frames, points, refusals, notes)

@@ -6,7 +6,7 @@ Points are midlines, tips, or markers at known arc coordinates.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -257,7 +257,8 @@ class Recording:
         return self.marker_s is None and all(len(points) == 1 for points in self.frames)
 
 
-class StampedRows(NamedTuple):
+@dataclass
+class StampedRows:
     """Sets of tensions or of encoder readings, or frames of measured points, and their stamps.
 
     Attributes:
@@ -265,11 +266,18 @@ class StampedRows(NamedTuple):
         stamps: stamps [ns].
         rows: values by tendon (tendons,) [N] or [m], or points (m, 3) [m], NaN for markers that
             are not visible.
+        received: times at which the recorder received them [ns], of readings in a bag.
     """
 
     source: str
-    stamps: list[int]
-    rows: list[FloatArray]
+    stamps: list[int] = field(default_factory=list)
+    rows: list[FloatArray] = field(default_factory=list)
+    received: list[int] = field(default_factory=list)
+
+    def add(self, stamp_ns: int, row: FloatArray) -> None:
+        """Append a ``row`` with its stamp."""
+        self.stamps.append(stamp_ns)
+        self.rows.append(row)
 
     def in_order(self, origin: int, notes: list[str]) -> tuple[FloatArray, list[FloatArray]]:
         """Return ascending stamps from ``origin`` on (n,) [s], and rows; note if they were not."""

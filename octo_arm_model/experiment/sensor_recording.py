@@ -1,8 +1,10 @@
 """Inputs of an estimator from a recording: arm, unknowns, measurements, and a camera."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,15 +12,10 @@ from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.sensor_topics import (
-    SensorTopics,
-    StampedMeasurement,
-    find_sensors,
-    read_measured,
-    read_tension_rows,
-)
+from octo_arm_model.bags.sensor_topics import SensorTopics, find_sensors
 from octo_arm_model.bags.topics import MIDLINE, ArmTopics, describe, sensed_by
 from octo_arm_model.config.config import Config
+from octo_arm_model.estimation.measurements import Measurement, Tensions
 from octo_arm_model.estimation.model import PATIENT, ArmModel
 from octo_arm_model.estimation.settings import (
     PREFIX,
@@ -26,7 +23,12 @@ from octo_arm_model.estimation.settings import (
     EstimatorSettings,
     TensionStatistics,
 )
-from octo_arm_model.experiment.bag_recording import MIDLINES, MeasuredTopics, notes_on
+from octo_arm_model.experiment.bag_recording import (
+    MIDLINES,
+    MeasuredTopics,
+    notes_on,
+    read_readings,
+)
 from octo_arm_model.experiment.camera import Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
 from octo_arm_model.experiment.observations import Pairing, base_first, camera_offset
@@ -71,6 +73,20 @@ class Sources:
     marker_names: tuple[str, ...] = ()
 
 
+class StampedMeasurement(NamedTuple):
+    """A measurement with its stamp and its time of receipt.
+
+    Attributes:
+        stamp_ns: time of the measurement [ns].
+        received_ns: time at which the recorder received it [ns].
+        measurement: the measurement.
+    """
+
+    stamp_ns: int
+    received_ns: int
+    measurement: Measurement
+
+
 @dataclass(frozen=True)
 class SensorRecording:
     """The input of an estimator from a recording.
@@ -84,7 +100,6 @@ class SensorRecording:
         groups: measurements, grouped by their stamps.
         origin_ns: stamp that times count from [ns].
         camera: comparison of the estimates with a camera, or None.
-        camera_topic: topic of the camera, or None.
         refusals: counts of the messages left out.
         notes: decisions made, in words.
     """
@@ -97,7 +112,6 @@ class SensorRecording:
     groups: Sequence[Sequence[StampedMeasurement]]
     origin_ns: int
     camera: CameraCheck | None
-    camera_topic: str | None
     refusals: Refusals
     notes: list[str]
 
@@ -121,11 +135,12 @@ def read_sensor_recording(
     own = {name: given.pop(name) for name in list(given) if name.startswith(PREFIX)}
     config = Config.from_parameters(given)
     refusals, notes = Refusals(), notes_on(reader)
-    count = Count(progress)
-    count.expect(reader.count(sensors.all))
-    tensions = read_tension_rows(reader, sensors, config, refusals, count.add)
-    time = np.asarray(1e-9 * (tensions.stamps_ns - tensions.stamps_ns[:1]), np.float64)
-    recorded = tension_statistics(time, tensions.rows) if len(time) else None
+    count, of_cells = Count(progress), sensors.tensions
+    read = read_readings(reader, of_cells, config, refusals, count, raw=True)
+    tensions = read or StampedRows('')
+    stamps = np.array(tensions.stamps, np.int64)
+    time = np.asarray(1e-9 * (stamps - stamps[:1]), np.float64)
+    recorded = tension_statistics(time, np.array(tensions.rows)) if len(time) else None
     settings = EstimatorSettings.from_parameters(RECORDING_DEFAULTS | own, config, recorded)
     models = settings.models(config, budget=PATIENT)
     turned: set[str] = set()  # frames that are not base_frame, which have the pose given
@@ -136,7 +151,7 @@ def read_sensor_recording(
         return Pose(tuple(given.shift.tolist()), tuple(given.quaternion.tolist()))
 
     arm = MeasuredArm(config, settings, pose_of if sources.alignment else None)
-    groups = read_measured(reader, sensors, tensions, arm, refusals, count.add)
+    groups = read_measured(reader, sensors, tensions, arm, refusals, count)
     if not groups:
         where = ', '.join(sensors.all)
         raise BagError(f'{reader.path}: nothing measured on {where}{refusals.in_short}')
@@ -144,34 +159,55 @@ def read_sensor_recording(
     topic = sources.midlines
     if topic is None and len(usual) == 1:
         topic = usual[0]
-    origin = int(tensions.stamps_ns.min()) if len(time) else groups[0][0].stamp_ns
+    origin = min(tensions.stamps, default=groups[0][0].stamp_ns)
     camera = None
     if topic is not None:
         try:
-            if sensors.tensions is None or not len(time):
+            if not tensions.rows:
                 raise MeasurementError(
                     'there are no tensions to tell a shape without the estimator'
                 )
-            pulled = tensions.stamps_ns.tolist(), list(tensions.rows)
-            stamped = StampedRows(sensors.tensions.topic, *pulled)
-            camera = _camera(reader, topic, config, stamped, sources, refusals, notes)
+            camera = _camera(reader, topic, config, tensions, sources, refusals, notes)
         except MeasurementError as error:
             notes.append(f'{topic} is not compared with: {error}')
     if sources.alignment is not None and not turned and camera is None:
         raise BagError('--align has no effect: all that is measured is in base_frame')
     return SensorRecording(
-        given,
-        config,
-        sensors,
-        settings,
-        models,
-        groups,
-        origin,
-        camera,
-        topic if camera is not None else None,
-        refusals,
-        notes,
+        given, config, sensors, settings, models, groups, origin, camera, refusals, notes
     )
+
+
+def read_measured(
+    reader: BagReader,
+    sensors: SensorTopics,
+    tensions: StampedRows,
+    arm: MeasuredArm,
+    refusals: Refusals,
+    count: Count,
+) -> list[list[StampedMeasurement]]:
+    """Read all measurements, sorted by stamp; those with the same stamp form a list.
+
+    ``tensions`` have been read. ``refusals`` count the messages left out, ``count`` all others.
+
+    Raises:
+        BagError: if the bag is damaged.
+    """
+    stddev = arm.settings.tension_stddev
+    stamped = [
+        StampedMeasurement(stamp, received, Tensions(row, stddev))
+        for stamp, received, row in zip(tensions.stamps, tensions.received, tensions.rows)
+    ]
+    count.expect(reader.count(list(sensors.readers)))
+    for record in reader.messages(list(sensors.readers)):
+        count.add()
+        read = partial(sensors.readers[record.topic], arm=arm)
+        stamp, measurement, reason = reader.read(record, read)
+        if measurement is None:
+            refusals.count(record.topic, reason)
+        else:
+            stamped.append(StampedMeasurement(stamp.ns, record.received_ns, measurement))
+    stamped.sort(key=lambda m: m.stamp_ns)
+    return [list(group) for _, group in itertools.groupby(stamped, key=lambda m: m.stamp_ns)]
 
 
 def tension_statistics(time: FloatArray, tensions: FloatArray) -> TensionStatistics:
@@ -199,22 +235,21 @@ def _camera(
     reader: BagReader,
     topic: str,
     config: Config,
-    stamped: StampedRows,
+    tensions: StampedRows,
     sources: Sources,
     refusals: Refusals,
     notes: list[str],
 ) -> CameraCheck:
     """Return the comparison of estimates with midlines or tips on a ``topic``.
 
-    ``stamped`` has the tensions, ``refusals`` count messages left out, ``notes`` get decisions.
-    MeasurementError if there is nothing to compare, or neither end is clearly the base.
+    ``refusals`` count messages left out, ``notes`` get decisions. MeasurementError is raised
+    if there is nothing to compare, or neither end is clearly the base.
     """
     measured = MarkerSources((topic,))
     points = MeasuredPoints(measured, config.arm.length)
-    seen = MeasuredTopics(ArmTopics(reader), measured, points, config.base_frame, Count()).read(
-        refusals
-    )
-    recording = assemble({}, stamped, None, seen, points, refusals, notes)
+    topics = MeasuredTopics(ArmTopics(reader), measured, Count())
+    frames = topics.read(points, config.base_frame, refusals)
+    recording = assemble({}, tensions, None, frames, points, refusals, notes)
     alignment = sources.alignment
     if alignment is None and recording.frame_id == config.base_frame:
         alignment = Alignment.none()
@@ -223,4 +258,4 @@ def _camera(
     pairing = Pairing(offset=sources.clock_offset)
     lines = base_first(recording, pairing, config, alignment, notes)
     ahead = camera_offset(recording, pairing, config, lines, notes)
-    return CameraCheck(recording, ahead, lines, alignment, config.solver('exact'))
+    return CameraCheck(topic, recording, ahead, lines, alignment, config.solver('exact'))

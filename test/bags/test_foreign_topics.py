@@ -24,17 +24,13 @@ from recordings import (
 
 from octo_arm_model.arm.errors import BagError, TensionError
 from octo_arm_model.bags.reader import BagReader
-from octo_arm_model.bags.sensor_topics import (
-    NONE,
-    RecordedTensions,
-    SensorTopics,
-    find_sensors,
-    read_measured,
-    read_tension_rows,
-)
+from octo_arm_model.bags.sensor_topics import NONE, SensorTopics, find_sensors
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.estimation.settings import EstimatorSettings
+from octo_arm_model.experiment.bag_recording import read_readings
+from octo_arm_model.experiment.recording import Count, StampedRows
+from octo_arm_model.experiment.sensor_recording import read_measured
 from octo_arm_model.wire.measurements import MeasuredArm, points_of
 from octo_arm_model.wire.messages import Refusals
 from octo_arm_model.wire.tensions import field_values, tensions_by_names
@@ -196,16 +192,15 @@ def markers(at: int, count: int = 1, topic: str = '/measured/markers') -> Sample
     )
 
 
-def read(
-    path: Path, content: list[Sample]
-) -> tuple[SensorTopics, RecordedTensions, list, Refusals]:
+def read(path: Path, content: list[Sample]) -> tuple[SensorTopics, StampedRows, list, Refusals]:
     """The sensors of a bag, tensions, all that is measured by its stamps, and what is left out."""
     settings = EstimatorSettings.from_parameters({'estimator.marker_s': [0.2]}, CONFIG)
     content, refusals = sorted(content, key=lambda one: one.received_ns), Refusals()
     with BagReader(write_bag(path, content)) as reader:
         sensors = find_sensors(reader)
-        rows = read_tension_rows(reader, sensors, CONFIG, refusals)
-        groups = read_measured(reader, sensors, rows, MeasuredArm(CONFIG, settings), refusals)
+        read = read_readings(reader, sensors.tensions, CONFIG, refusals, Count(), raw=True)
+        rows, arm = read or StampedRows(''), MeasuredArm(CONFIG, settings)
+        groups = read_measured(reader, sensors, rows, arm, refusals, Count())
     return sensors, rows, groups, refusals
 
 
@@ -223,7 +218,7 @@ def test_all_is_in_order_of_stamps_whenever_it_came(tmp_path):
     sensors, rows, groups, refusals = read(tmp_path / 'bag', content)
     assert sensors.all == ['/tendon_tensions', '/tendon_displacements', '/measured/markers']
     assert sensors.prefix == '/'
-    assert sorted(rows.rows[:, 0]) == [-0.01, 0.1, 0.3]
+    assert sorted(row[0] for row in rows.rows) == [-0.01, 0.1, 0.3]
     found = [
         ((group[0].stamp_ns - START) // MILLISECOND, [one.measurement.name for one in group])
         for group in groups
@@ -249,7 +244,7 @@ def test_messages_that_measure_nothing_are_told(tmp_path):
         markers(-2 * START // MILLISECOND)._replace(received_ns=START),
     ]
     _, rows, groups, refusals = read(tmp_path / 'bag', content)
-    assert len(groups) == 1 and rows.rows.tolist() == [[0.1, 0.0, 0.0, 0.0]]
+    assert len(groups) == 1 and [row.tolist() for row in rows.rows] == [[0.1, 0.0, 0.0, 0.0]]
     reasons = ' | '.join(refusals.lines())
     for words in (
         f'/tendon_tensions: 1 left out, as reading of {NAMES[0]} is nan, expected a finite',
@@ -265,7 +260,7 @@ def test_messages_that_measure_nothing_are_told(tmp_path):
 def test_a_robot_with_encoders_alone_has_no_tensions(tmp_path):
     sensors, rows, groups, _ = read(tmp_path / 'bag', [encoders(0, '/left/tendon_displacements')])
     assert (sensors.tensions, sensors.prefix) == (None, '/left/')
-    assert not len(rows.rows) and len(groups) == 1
+    assert not rows.rows and len(groups) == 1
 
 
 def test_topics_of_tensions_without_a_message_are_none(tmp_path):
