@@ -15,7 +15,6 @@ from octo_arm_model.experiment.compare import compare, write_tables
 from octo_arm_model.experiment.fit import LOSSES
 from octo_arm_model.experiment.identification import Identification
 from octo_arm_model.experiment.identify import identify
-from octo_arm_model.experiment.motion import identify_motion
 from octo_arm_model.experiment.observations import Observations
 from octo_arm_model.experiment.uncertainty import AUTO, Misfit
 from octo_arm_model.experiment.unknowns import FITS, is_of_arm
@@ -203,11 +202,8 @@ def run(options: argparse.Namespace) -> int:
     def fit(model: str) -> Identification:
         with Bar(f'fits of {model}') as bar:
             shapes, values = observations.shapes, recording.parameters
-            if trajectory is not None and alignment is not None:
-                return identify_motion(
-                    shapes, values, fits, alignment, trajectory, bar, options.loss
-                )
-            return identify(shapes, values, model, fits, alignment, bar, options.loss)
+            start, loss = alignment, options.loss
+            return identify(shapes, values, model, fits, start, bar, loss, trajectory)
 
     fitted = of_each(models, 'fitted', notes, fit)
     best = identification.best_of(fitted)

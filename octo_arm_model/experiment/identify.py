@@ -1,6 +1,9 @@
 """Parameters of the arm from measured shapes: fits to all steps, and without some loads.
 
-Estimates minimise a sum of squares or a robust loss; `uncertainty` has their intervals.
+Estimates minimise a sum of squares or a robust loss; `uncertainty` has their intervals. Damping,
+drag and added mass follow from an arm that moves, by a fit to every frame. The intervals of that
+fit come from leaving out one of a few stretches of time after the other, to first order: errors of
+neighbouring frames may be alike, but those of different stretches are taken to be independent.
 """
 
 import dataclasses
@@ -14,13 +17,14 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment import uncertainty
 from octo_arm_model.experiment.camera import Alignment, undetermined
 from octo_arm_model.experiment.compare import compare
-from octo_arm_model.experiment.fit import LOSSES, Problem, fit_alignment
+from octo_arm_model.experiment.fit import LOSSES, SOFT_L1, Problem, fit_alignment
 from octo_arm_model.experiment.identification import (
     Identification,
     at_ends,
     strong_pairs,
     unfitted,
 )
+from octo_arm_model.experiment.motion import MotionProblem, TensionTrajectory
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.steady_windows import UNLOADING
 from octo_arm_model.experiment.uncertainty import OpenDirection, misfit_of, noise_of
@@ -30,6 +34,9 @@ from octo_arm_model.experiment.unknowns import ALIGNMENT, AXIAL, Readings, Scale
 _BIASED = 2.0
 # The robust loss is chosen if its misfit at left-out loads is below this part of the plain one's.
 _CLEARLY = 0.95
+_STRETCHES = 10  # largest number of stretches of time of a motion
+_FEWEST = 4  # frames of a stretch
+_ALIKE = 0.7  # correlation of neighbouring residuals above which the model is wrong
 
 
 class _Fit(NamedTuple):
@@ -59,7 +66,7 @@ class _Fit(NamedTuple):
         return float(np.mean([np.sqrt((part**2).sum(axis=-1).mean()) for part in self.left_out]))
 
 
-def identify(
+def identify(  # noqa: PLR0913 - options of a command
     shapes: Sequence[MeasuredShape],
     parameters: Mapping[str, Any],
     model: str,
@@ -67,8 +74,12 @@ def identify(
     alignment: Alignment | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     loss: str = uncertainty.AUTO,
+    trajectory: TensionTrajectory | None = None,
 ) -> Identification:
     """Fit the parameters ``fits`` of ``model`` to measured ``shapes``.
+
+    A parameter keeps its value if the data leave it open or, in a motion, determine it less than
+    its `scale`.
 
     Args:
         shapes: a shape for each steady step.
@@ -78,23 +89,35 @@ def identify(
         alignment: transform camera to base, or the start of its fit; None for the identity or, if
             the alignment is fitted, for a separate fit of the alignment as the start.
         progress: called with the numbers of fits done and of all fits.
-        loss: a loss of `fit.LOSSES`, or 'auto' for the one with less misfit at left-out loads.
+        loss: a loss of `fit.LOSSES`, or 'auto' for the one with less misfit at left-out loads; of
+            a motion that is soft_l1.
+        trajectory: tensions along which the arm of the model exact moves, whose moments the steps
+            are; None for equilibria.
 
     Raises:
-        ConfigError: if the model has no derivative by one of ``fits``, or no reading depends on
-            it.
-        SolveError: if the model has no solution, or no minimum is found.
+        ConfigError: if the model has no derivative by one of ``fits``, or no reading, or not this
+            motion, depends on it.
+        SolveError: if the model has no solution, no minimum is found, or a motion has no swing.
         MeasurementError: if a midline does not begin near the base.
     """
+    if loss == uncertainty.AUTO and trajectory is not None:
+        loss = SOFT_L1
     readings, losses = Readings.of(shapes), LOSSES if loss == uncertainty.AUTO else (loss,)
     if alignment is None and 'alignment' in fits:
         alignment = fit_alignment(shapes, parameters, model)
     start = alignment or Alignment.none()
 
     def without(names: Collection[str]) -> Problem:
-        return Problem(shapes, Unknowns(parameters, model, fits, readings, start, names))
+        moves = trajectory is not None
+        unknowns = Unknowns(parameters, model, fits, readings, start, names, moves)
+        if trajectory is None:
+            return Problem(shapes, unknowns)
+        return MotionProblem(shapes, unknowns, trajectory)
 
-    nothing = unfitted(without(()), loss, parameters, start)
+    first = without(())
+    if isinstance(first, MotionProblem):
+        first.check_swing()
+    nothing = unfitted(first, loss, parameters, start)
 
     def fit_all(problem: Problem) -> Identification | OpenDirection:
         tried = []
@@ -104,6 +127,8 @@ def identify(
         open_directions = (uncertainty.open_direction(problem, fit.x) for fit in tried)
         if found := next(filter(None, open_directions), None):
             return found
+        if trajectory is not None:
+            return _of_motion(nothing, problem, tried[0])
         result = _with_intervals(nothing, problem, tried)
         return _vague(result, problem.unknowns) or result
 
@@ -132,6 +157,45 @@ def _vague(result: Identification, unknowns: Unknowns) -> OpenDirection | None:
             )
             return OpenDirection(one.name, reason)
     return None
+
+
+def _of_motion(
+    result: Identification, problem: Problem, fit: _Fit
+) -> Identification | OpenDirection:
+    """Return the ``result`` of a ``fit`` to a motion.
+
+    Or return the unknown to leave out, if the motion hardly determines it.
+    """
+    unknowns, x, count = problem.unknowns, fit.x, len(problem.shapes)
+    # The folds are stretches of time, as numbers of frames; none has too few frames.
+    number = min(_STRETCHES, count // _FEWEST)
+    parts = np.array_split(np.arange(count), number) if number else []
+    folds = [part.tolist() for part in parts]
+    without, _ = problem.without(x, fit.scale, folds)
+    scales = np.array([unknown.scale for unknown in unknowns.unknowns])
+    deviation = np.sqrt(((without - x) ** 2).sum(axis=0))  # of the jackknife, but for (n - 1) / n
+    worst = int((deviation / scales).argmax())
+    if deviation[worst] > scales[worst]:
+        one = unknowns.unknowns[worst]
+        to = one.stddev(float(x[worst]), float(deviation[worst]))
+        return OpenDirection(one.name, f'the motion tells it only to {to:.2g} {one.unit}')
+    away, correlations = problem.residuals(x), uncertainty.correlations_of(problem, x)
+    notes = [*at_ends(unknowns, x), *strong_pairs(correlations, unknowns)]
+    notes.append(f'intervals come from leaving out one of {len(folds)} stretches of time')
+    tips = np.array([part[-1] for part in away])
+    if (tips[1:] * tips[:-1]).sum() > _ALIKE * max((tips * tips).sum(), 1e-300):
+        notes.append(
+            'residuals go on from frame to frame, as noise does not: the model does not '
+            'explain all of the motion, which biases the estimates beyond their intervals'
+        )
+    return dataclasses.replace(
+        result,
+        parameters=unknowns.parameters(x),
+        correlations=correlations,
+        notes=tuple(notes),
+        estimates={**result.estimates, **uncertainty.estimates_of(problem, x, without, folds)},
+        after=misfit_of(away, problem.length),
+    )
 
 
 def _with_intervals(

@@ -202,8 +202,15 @@ def _bending(arm: Arm) -> list[float]:
     return [found.bending_n.item(), found.bending_b.item()]
 
 
-def _check_along(parameters: Mapping[str, Any], arm: Arm, fits: Sequence[str]) -> None:
-    """Check that parameters fitted as one number are constant along the ``arm``, or refuse."""
+def _check_arm(parameters: Mapping[str, Any], config: Config, fits: Sequence[str]) -> None:
+    """Check that there is water, and that parameters fitted as one number are constant along s.
+
+    ConfigError if not.
+    """
+    wet = [name for name in fits if name in OF_WATER]
+    if wet and not config.loads.fluid_density:
+        raise ConfigError(f'{wet[0]} is of the water, and loads.fluid_density is 0')
+    arm = config.arm
     for name, table in (
         (REST_CURVATURE, 'rest.table_curvature'),
         (REST_TORSION, 'rest.table_torsion'),
@@ -343,7 +350,7 @@ class Unknowns:
                 self._parameters.pop(name, None)
         config = Config.from_parameters(self._parameters)
         material = config.arm.material
-        _check_along(self._parameters, config.arm, fits)
+        _check_arm(self._parameters, config, fits)
         if self._parameters.get('material.shear_modulus'):
             # E is fitted at constant nu, so that G changes with it.
             self._parameters['material.shear_modulus'] = 0.0
