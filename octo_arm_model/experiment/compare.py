@@ -18,7 +18,7 @@ from octo_arm_model.experiment.fit import fit_alignment, shape_residuals
 from octo_arm_model.experiment.midlines import Curve, MidlineErrors, midline_errors
 from octo_arm_model.experiment.motion import TensionTrajectory, moving_shapes
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.steady_windows import directions, remarks
+from octo_arm_model.experiment.steady_windows import CHANGE, LOADING, UNLOADING, directions
 from octo_arm_model.experiment.uncertainty import misfit_of, noise_of
 from octo_arm_model.experiment.unknowns import FINE_STATIONS
 from octo_arm_model.rod.backbone import Backbone
@@ -39,6 +39,7 @@ class StepComparison:
         measured: measured midline in base_frame (m, 3) [m].
         backbone: the solution of the model.
         errors: distances between the two.
+        away: measured points minus those of the model that they are paired with, (m, 3) [m].
         direction: side from which its tensions were reached, of `steady_windows.directions`.
         bend: signed error of the tip along its path as tensions rise, > 0 if the arm bends farther
             than the model [m]; NaN if no tendon is pulled, the tip was not measured, friction
@@ -50,6 +51,7 @@ class StepComparison:
     measured: FloatArray
     backbone: Backbone
     errors: MidlineErrors
+    away: FloatArray
     direction: str
     bend: float
 
@@ -126,54 +128,36 @@ def compare(
         refused = [f'step {len(answered) + 1} and later: {reason}'] if reason else []
     if not answered:
         raise SolveError(f'{model} has no answer for any step; {refused[0]}')
-    notes: list[str] = []
+    is_fitted, length, steps = alignment is None, solver.arm.length, []
     if alignment is None:
         alignment = fit_alignment([shape for _, shape, _ in answered], parameters, model)
-        notes.append(
-            'the alignment is fitted: it removes the error that a motion of the camera explains'
-        )
-        away = [
-            shape_residuals(shape, alignment.to_base(shape.points), backbone)
-            for _, shape, backbone in answered
-        ]
-        points = np.concatenate([shape.points for _, shape, _ in answered])
-        notes += undetermined(points, misfit_of(away, solver.arm.length).rms)
-    steps = []
     branches = directions(np.array([shape.window.tensions for shape in shapes]))
     for number, shape, backbone in answered:
-        measured = alignment.to_base(shape.points)
+        measured, curve = alignment.to_base(shape.points), Curve(backbone.position)
+        away = shape_residuals(shape, measured, backbone, curve)
         if shape.s is None:
-            curve = Curve(backbone.position)
             curve.fractions(measured, check=True)
             errors = midline_errors(measured, curve)
         else:
-            distance = np.linalg.norm(shape_residuals(shape, measured, backbone), axis=1)
-            is_tip = shape.s[-1] >= (1.0 - _TIP) * solver.arm.length
-            tip = float(distance[-1]) if is_tip else math.nan
+            distance = np.linalg.norm(away, axis=1)
+            tip = float(distance[-1]) if shape.s[-1] >= (1.0 - _TIP) * length else math.nan
             errors = MidlineErrors(tip, float(distance.mean()), float(distance.max()))
         bend = math.nan
         if math.isfinite(errors.tip) and trajectory is None:
             bend = _bend(solver, backbone, measured[-1])
-        steps.append(
-            StepComparison(number, shape, measured, backbone, errors, branches[number - 1], bend)
+        of_both = measured, backbone, errors, away
+        steps.append(StepComparison(number, shape, *of_both, branches[number - 1], bend))
+    notes: list[str] = []
+    if is_fitted:
+        notes.append(
+            'the alignment is fitted: it removes the error that a motion of the camera explains'
         )
+        points = np.concatenate([step.shape.points for step in steps])
+        notes += undetermined(points, misfit_of([step.away for step in steps], length).rms)
     if trajectory is None:
-        notes += remarks(
-            [step.shape.tension for step in steps],
-            [step.bend for step in steps],
-            [step.direction for step in steps],
-            noise_of([step.shape for step in steps]) / 3.0**0.5,
-            solver.arm.length,
-        )
-    return ModelComparison(
-        solver.model,
-        solver.arm.length,
-        alignment,
-        tuple(steps),
-        tuple(refused),
-        tuple(notes),
-        trajectory is not None,
-    )
+        notes += _branch_remarks(steps, length)
+    ends = tuple(steps), tuple(refused), tuple(notes)
+    return ModelComparison(solver.model, length, alignment, *ends, trajectory is not None)
 
 
 def _equilibria(
@@ -192,6 +176,44 @@ def _equilibria(
         except SolveError as error:
             refused.append(f'step {number}: {error}')
     return answered, refused
+
+
+def _branch_remarks(steps: Sequence[StepComparison], length: float) -> list[str]:
+    """Return remarks on friction: the difference of errors between loading and unloading.
+
+    There are none if these share no tensions, or differ by at most three times the noise of the
+    camera, for an arm of this ``length`` [m].
+    """
+    branch = np.array([step.direction for step in steps])
+    if UNLOADING not in branch:
+        return [
+            'no step was reached by unloading: friction or a load cell that reads wrong in '
+            'proportion would scale all tensions alike, which no interval holds and nothing here '
+            'shows'
+        ]
+    at, off = (np.array(v) for v in zip(*((step.shape.tension, step.bend) for step in steps)))
+    up, down = (np.isfinite(off) & (branch == name) for name in (LOADING, UNLOADING))
+    if up.sum() < 2:
+        return []
+    order = np.argsort(at[up], kind='stable')
+    rising = at[up][order]
+    shared = down & (at >= rising[0] * (1.0 - CHANGE)) & (at <= rising[-1] * (1.0 + CHANGE))
+    if not shared.any():
+        return []
+    each = np.interp(at[shared], rising, off[up][order]) - off[shared]
+    apart = float(each.mean())
+    # Friction grows with tension, so that differences scatter more than the noise.
+    scatter = each.std(ddof=1) if len(each) > 1 else 0.0
+    noise = noise_of([step.shape for step in steps]) / 3.0**0.5  # of a coordinate
+    if abs(apart) <= max(3.0 * np.sqrt(2.0) * noise, 2.0 * scatter) / np.sqrt(len(each)):
+        return []
+    return [
+        f'loading and unloading differ by more than the noise: at the same tensions (on average '
+        f'{at[shared].mean():.3g} N) the tip is {abs(apart) * 1e3:.2f} mm '
+        f'({100.0 * abs(apart) / length:.2f} % of the length) '
+        f'{"less" if apart < 0.0 else "farther"} bent while loading, as '
+        f'{"friction or creep" if apart < 0.0 else "no friction"} does'
+    ]
 
 
 def _bend(solver: Solver, backbone: Backbone, tip: FloatArray) -> float:
@@ -235,6 +257,10 @@ def write_tables(
             for step in comparison.steps:
                 yield from ([comparison.model, step.number, *row] for row in rows_of(step))
 
+    def points(step: StepComparison) -> list[list[float]]:
+        model = step.measured - step.away
+        return np.column_stack([step.s, step.measured, model, step.away]).tolist()
+
     windows = [step.shape.window for step in comparisons[0].steps]
     tensions = (
         [round(time - windows[0].start, 9), *window.tensions.tolist()]
@@ -242,7 +268,7 @@ def write_tables(
         for time in dict.fromkeys((window.start, window.stop))
     )
     tables: dict[str, tuple[Sequence[str], Iterator[list[Any]]]] = {
-        'midlines.csv': (MIDLINES, all_rows(_midline_rows)),
+        'midlines.csv': (MIDLINES, all_rows(points)),
         'stations.csv': (STATIONS, all_rows(lambda step: station_rows(step.backbone))),
         'tensions.csv': (tension_columns(tendons), tensions),
     }
@@ -252,8 +278,3 @@ def write_tables(
             writer.writerow(header)
             writer.writerows(rows)
     return list(tables)
-
-
-def _midline_rows(step: StepComparison) -> list[list[float]]:
-    away = shape_residuals(step.shape, step.measured, step.backbone)
-    return np.column_stack([step.s, step.measured, step.measured - away, away]).tolist()

@@ -19,7 +19,6 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.camera import CameraErrors
 from octo_arm_model.experiment.compare import ModelComparison, StepComparison, compare
-from octo_arm_model.experiment.fit import shape_residuals
 from octo_arm_model.experiment.identification import Identification, rank
 from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.observations import MeasuredShape
@@ -353,7 +352,7 @@ def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredS
         base = Rotation.from_quat(Config.from_parameters(one.parameters).base.quaternion)
         comparison = compare(one.with_tensions(shapes), one.parameters, one.model, one.alignment)
         for step in comparison.steps:
-            away = base.inv().apply(shape_residuals(step.shape, step.measured, step.backbone))
+            away = base.inv().apply(step.away)
             style = '-' if step.shape.s is None else 'o:'
             colour = colours.to_rgba(step.shape.tension)
             for row in range(3):

@@ -313,7 +313,7 @@ def wound_at(solver: Solver, lengths: Iterable[FloatArray]) -> Iterator[Wound]:
 
 LOADING, UNLOADING, MIXED, REST = 'loading', 'unloading', 'mixed', 'rest'
 # Changes below this part of the highest tension do not count.
-_CHANGE = 0.02
+CHANGE = 0.02
 
 
 def directions(tensions: FloatArray) -> list[str]:
@@ -323,7 +323,7 @@ def directions(tensions: FloatArray) -> list[str]:
     if they have only fallen, and 'mixed' if some rose and others fell. A step with the same
     tensions has the direction of the previous one, or 'rest' if there is none.
     """
-    band = _CHANGE * float(tensions.max(initial=0.0))
+    band = CHANGE * float(tensions.max(initial=0.0))
     found: list[str] = []
     before = np.zeros(tensions.shape[-1])
     for pulled in tensions:
@@ -334,51 +334,3 @@ def directions(tensions: FloatArray) -> list[str]:
             found.append(found[-1] if found else REST)
         before = pulled
     return found
-
-
-def remarks(
-    tension: Sequence[float],
-    error: Sequence[float],
-    direction: Sequence[str],
-    noise: float,
-    length: float,
-) -> list[str]:
-    """Return remarks on friction: the difference of errors between loading and unloading.
-
-    There are none if these share no tensions, or differ by at most three times the noise.
-
-    Args:
-        tension: tension of each step [N].
-        error: signed error of each step [m]; NaN if it has none.
-        direction: direction of each step, of `directions`.
-        noise: standard deviation of an error by the noise of the camera [m].
-        length: length of the arm [m].
-    """
-    if UNLOADING not in direction:
-        return [
-            'no step was reached by unloading: friction or a load cell that reads wrong in '
-            'proportion would scale all tensions alike, which no interval holds and nothing here '
-            'shows'
-        ]
-    at, off, branch = np.array(tension), np.array(error), np.array(direction)
-    up, down = (np.isfinite(off) & (branch == name) for name in (LOADING, UNLOADING))
-    if up.sum() < 2:
-        return []
-    order = np.argsort(at[up], kind='stable')
-    rising = at[up][order]
-    shared = down & (at >= rising[0] * (1.0 - _CHANGE)) & (at <= rising[-1] * (1.0 + _CHANGE))
-    if not shared.any():
-        return []
-    each = np.interp(at[shared], rising, off[up][order]) - off[shared]
-    apart = float(each.mean())
-    # Friction grows with tension, so that differences scatter more than the noise.
-    scatter = each.std(ddof=1) if len(each) > 1 else 0.0
-    if abs(apart) <= max(3.0 * np.sqrt(2.0) * noise, 2.0 * scatter) / np.sqrt(len(each)):
-        return []
-    return [
-        f'loading and unloading differ by more than the noise: at the same tensions (on average '
-        f'{at[shared].mean():.3g} N) the tip is {abs(apart) * 1e3:.2f} mm '
-        f'({100.0 * abs(apart) / length:.2f} % of the length) '
-        f'{"less" if apart < 0.0 else "farther"} bent while loading, as '
-        f'{"friction or creep" if apart < 0.0 else "no friction"} does'
-    ]
