@@ -24,10 +24,10 @@ from octo_arm_model.experiment.steady_windows import (
     SteadyRule,
     Window,
     by_length,
+    held_readings,
     pose_windows,
     ramp_windows,
     steady_windows,
-    with_displacements,
 )
 from octo_arm_model.rod.stations import interpolated, nearest
 
@@ -174,9 +174,7 @@ def observe(
     config = Config.from_parameters(recording.parameters)
     time, _ = recording.held
     what, kind = 'length' if recording.is_driven else 'tension', pairing.kind
-    windows = _windows(recording, pairing, what)
-    if kind == MOMENTS:
-        _check_moving(recording, known)
+    windows = _windows(recording, pairing, known, what)
     frames = base_first(recording, pairing, config, known, notes)
     offset = camera_offset(recording, pairing, config, frames, notes)
     seen = recording.frame_time + offset
@@ -205,20 +203,18 @@ def observe(
                 'no tendon is taut in any step: the sign of displacement_scale, or '
                 'displacement_offset, does not fit the readings'
             )
-    shapes, used = _shapes(paired, recording.marker_s)
+    seen_in = [(mean_shape(*pair, recording.marker_s), len(pair[1])) for pair in paired]
+    shapes = [shape for shape, _ in seen_in if shape is not None]
+    used = sum(count for shape, count in seen_in if shape is not None)
     if not shapes:
-        within = (
-            ''
-            if kind == MOMENTS
-            else (
-                f' lies in one of {len(windows)} {kind} from {windows[0].start:.3f} to '
-                f'{windows[-1].stop:.3f} s with'
-            )
-        )
+        within = ' has'
+        if kind != MOMENTS:
+            ends = f'{windows[0].start:.3f} to {windows[-1].stop:.3f} s'
+            within = f' lies in one of {len(windows)} {kind} from {ends} with'
         raise SolveError(
             f'nothing to compare: none of {len(frames)} frames from {seen[0]:.3f} to '
-            f'{seen[-1]:.3f} s{within or " has"} {what}s within {pairing.tolerance:g} s'
-            + f'; {_ELSE if kind == STEPS else "--clock-offset is added to stamps of frames"}'
+            f'{seen[-1]:.3f} s{within} {what}s within {pairing.tolerance:g} s; '
+            f'{_ELSE if kind == STEPS else "--clock-offset is added to stamps of frames"}'
         )
     notes.append(
         f'{len(windows)} {kind}, {len(shapes)} of them with frames: {used} of {len(frames)} used'
@@ -233,13 +229,16 @@ def observe(
     )
 
 
-def _windows(recording: Recording, pairing: Pairing, what: str) -> list[Window]:
+def _windows(
+    recording: Recording, pairing: Pairing, known: Alignment | None, what: str
+) -> list[Window]:
     """Return the windows of a recording; none for a motion, which has one for each frame.
 
-    SolveError if nothing is steady.
+    SolveError if nothing is steady; ConfigError or MeasurementError if it is no motion.
     """
     (time, sampled), rule = recording.held, pairing.steady
     if pairing.kind == MOMENTS:
+        _check_moving(recording, known)
         return []
     if pairing.kind == POSES:
         windows = pose_windows(time, sampled, pairing.tolerance)
@@ -254,18 +253,6 @@ def _windows(recording: Recording, pairing: Pairing, what: str) -> list[Window]:
             f'for {rule.duration:g} s, and beyond the first {rule.settle:g} s; {_ELSE}'
         )
     return windows
-
-
-def _shapes(
-    paired: Sequence[tuple[Window, Sequence[FloatArray]]], marker_s: FloatArray | None
-) -> tuple[list[MeasuredShape], int]:
-    """Return the mean shape of each window with visible points, and the number of used frames."""
-    shapes, used = [], 0
-    for window, shown in paired:
-        if (shape := mean_shape(window, shown, marker_s)) is not None:
-            shapes.append(shape)
-            used += len(shown)
-    return shapes, used
 
 
 def _check_moving(recording: Recording, known: Alignment | None) -> None:
@@ -334,20 +321,31 @@ def camera_offset(
 
 
 def _read_in(window: Window, times: FloatArray | None, recording: Recording) -> Window:
-    """Return the ``window`` with encoder readings, as means at the ``times`` of frames [s]."""
-    if times is None:
-        return with_displacements(window, recording)
-    if not recording.is_driven:
-        tensions = interpolated(times, recording.tension_time, recording.tensions)
-        window = dataclasses.replace(window, tensions=tensions.mean(axis=0))
-    if not len(recording.displacement_time):
+    """Return the ``window`` with the mean reading of each encoder in it, NaN if there is none.
+
+    With ``times`` of frames [s], means are those of readings and tensions at these times. Without
+    load cells, an encoder without a reading in the window keeps its last one.
+    """
+    time, read = recording.displacement_time, recording.displacements
+    if times is not None:
+        if not recording.is_driven:
+            tensions = interpolated(times, recording.tension_time, recording.tensions)
+            window = dataclasses.replace(window, tensions=tensions.mean(axis=0))
+        known = np.isfinite(read)
+        columns = (
+            interpolated(times, time[at], column[at]) if at.any() else np.full(1, np.nan)
+            for at, column in zip(known.T, read.T, strict=True)
+        )
+        means = np.array([column.mean() for column in columns])
+        return dataclasses.replace(window, displacements=means) if len(time) else window
+    if recording.is_driven:
+        read = np.where(np.isfinite(read).any(axis=0), held_readings(read), np.nan)
+    inside = (time >= window.start) & (time <= window.stop)
+    if not inside.any():
         return window
-    read = np.full(recording.displacements.shape[1], np.nan)
-    for tendon, column in enumerate(recording.displacements.T):
-        if (known := np.isfinite(column)).any():
-            at = recording.displacement_time[known]
-            read[tendon] = interpolated(times, at, column[known]).mean()
-    return dataclasses.replace(window, displacements=read)
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', RuntimeWarning)  # of columns without a reading
+        return dataclasses.replace(window, displacements=np.nanmean(read[inside], axis=0))
 
 
 def _unseen(recording: Recording) -> list[str]:

@@ -7,7 +7,6 @@ NaN, because each encoder may publish its own messages.
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -17,7 +16,6 @@ from octo_arm_model.arm.errors import MeasurementError, SolveError, TensionError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import not_negative, positive
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.rod.displacements import Wound, solve_displacements
 from octo_arm_model.rod.solver import Solver
 
@@ -252,23 +250,6 @@ def _bands(
             first, low, high = number, tensions[number], tensions[number]
     if len(time):
         yield first, len(time)
-
-
-def with_displacements(window: Window, recording: Recording) -> Window:
-    """Return the ``window`` with the mean reading of each encoder in it, NaN if there is none.
-
-    Without load cells, an encoder without a reading in the window keeps its last one.
-    """
-    time, read = recording.displacement_time, recording.displacements
-    if recording.is_driven:
-        has_encoder = np.isfinite(read).any(axis=0)
-        read = np.where(has_encoder, held_readings(read), np.nan)
-    inside = (time >= window.start) & (time <= window.stop)
-    if not inside.any():
-        return window
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', RuntimeWarning)  # of columns without a reading
-        return dataclasses.replace(window, displacements=np.nanmean(read[inside], axis=0))
 
 
 def by_length(windows: Sequence[Window], config: Config) -> list[Window]:
