@@ -3,7 +3,8 @@
 import argparse
 import contextlib
 import json
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,28 +39,52 @@ def refuse_without_effect(options: argparse.Namespace, names: Sequence[str], why
             raise ConfigError(f'{name} has no effect {why}')
 
 
-def add_number(
-    parser: Any, name: str, default: float, text: str, metavar: str | None = None
-) -> None:
-    """Add the option ``name`` for a number of the type of its ``default``."""
-    parser.add_argument(
-        name,
-        type=type(default),
-        default=default,
-        metavar=metavar,
-        help=text if '%(default)s' in text else f'{text} (default: %(default)s)',
-    )
+def add(parser: Any, text: str) -> None:
+    """Add the options and arguments that a ``text`` describes, in the order of their lines.
+
+    Each begins a line with its name, words for its values, and behind a colon its help, which
+    goes on in indented lines. Values are texts, unless a type (float, int, path) is behind the
+    words, or the default is a number. An option without a word is a flag::
+
+        --hold S = 1.0: a number, with its default
+        --marker-s S... float: one or more values, by default none
+        --tip X Y Z float: as many values as words
+        --storage {mcap,sqlite3} = mcap: one of these
+        bag BAG? path: an argument that may be left out
+        --json: a flag
+    """
+    types = {'float': float, 'int': int, 'path': path_of}
+    for option in re.split(r'\n(?=\S)', text.strip()):
+        head, _, explanation = ' '.join(option.split()).partition(': ')
+        head, _, default = head.partition(' = ')
+        name, *words = head.split(' ')
+        how: dict[str, Any] = {'help': explanation}
+        if not words:
+            parser.add_argument(name, action='store_true', **how)
+            continue
+        if words[-1] in types:
+            how['type'] = types[words.pop()]
+        if default:
+            how['help'] += ' (default: %(default)s)'
+            how['default'] = default
+            for number in (float, int):
+                with contextlib.suppress(ValueError):
+                    how |= {'type': number, 'default': number(default)}
+        word = how['metavar'] = words[0].removesuffix('...').removesuffix('?')
+        if word.startswith('{'):
+            how |= {'choices': word.strip('{}').split(','), 'metavar': None}
+        elif words[0].endswith('...'):
+            how |= {'nargs': '+', 'default': []}
+        elif words[0].endswith('?'):
+            how['nargs'] = '?'
+        elif len(words) > 1:
+            how |= {'nargs': len(words), 'metavar': tuple(words)}
+        parser.add_argument(name, **how)
 
 
-def add_vector(parser: Any, name: str, metavar: str, text: str) -> None:
-    """Add the option ``name`` for a vector; ``metavar`` has a word for each component."""
-    names = tuple(metavar.split())
-    parser.add_argument(name, nargs=len(names), type=float, metavar=names, help=text)
-
-
-def add_path(parser: Any, name: str, metavar: str, text: str) -> None:
-    """Add the option, or the argument, ``name`` for a file or folder."""
-    add_value(parser, name, metavar, text, path_of)
+def choice(values: Iterable[str]) -> str:
+    """Return the word of `add` for one of ``values``."""
+    return f'{{{",".join(values)}}}'
 
 
 def path_of(text: str) -> Path:
@@ -72,23 +97,6 @@ def path_of(text: str) -> Path:
     if not text:
         raise argparse.ArgumentTypeError('empty, expected a path')
     return Path(text)
-
-
-def add_value(
-    parser: Any, name: str, metavar: str, text: str, kind: Callable[[str], Any] = str
-) -> None:
-    """Add the option ``name`` for a value of type ``kind``; its default is None."""
-    parser.add_argument(name, type=kind, metavar=metavar, help=text)
-
-
-def add_values(parser: Any, name: str, metavar: str, text: str, kind: type = str) -> None:
-    """Add the option ``name`` for one or more values of type ``kind``; its default is []."""
-    parser.add_argument(name, nargs='+', type=kind, default=[], metavar=metavar, help=text)
-
-
-def add_flag(parser: Any, name: str, text: str) -> None:
-    """Add the option ``name``, which takes no value."""
-    parser.add_argument(name, action='store_true', help=text)
 
 
 def add_config_option(
@@ -112,28 +120,23 @@ def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
     return None if options.config is None else load_parameters(options.config)
 
 
-def add_tendons(parser: argparse.ArgumentParser) -> None:
-    """Add ``--tendons``, ``--motors`` and ``--spools``."""
-    text = (
-        'name of each tendon of the arm, from the tip, in the recording; a number from 0 on if '
-        'the recording has no names; - for a slack tendon (default: tension_names of the arm)'
-    )
-    add_values(parser, '--tendons', 'NAME', text)
-    text = (
-        'name or number of the encoder of each tendon, from the tip, in the recording; tendons '
-        'on one motor share its encoder (default: displacement_names of the arm)'
-    )
-    add_values(parser, '--motors', 'NAME', text)
-    text = (
-        'length reeled in per unit of the encoder [m], such as the radius of the spool for '
-        'radians; < 0 if a positive reading lets the tendon out; one number for all tendons or '
-        'one for each (default: displacement_scale of the arm)'
-    )
-    add_values(parser, '--spools', 'M', text, float)
+# Options for the tendons of a recording.
+TENDONS = """\
+--tendons NAME...: name of each tendon of the arm, from the tip, in the recording; a number from 0
+    on if the recording has no names; - for a slack tendon (default: tension_names of the arm)
+--motors NAME...: name or number of the encoder of each tendon, from the tip, in the recording;
+    tendons on one motor share its encoder (default: displacement_names of the arm)
+--spools M... float: length reeled in per unit of the encoder [m], such as the radius of the spool
+    for radians; < 0 if a positive reading lets the tendon out; one number for all tendons or one
+    for each (default: displacement_scale of the arm)
+"""
+MODEL = f'--model {choice(MODELS)}: model, instead of that of the config'
+STORAGE = '--storage {mcap,sqlite3} = mcap: storage format of OUT'  # of the bag OUT
+JSON = '--json: print one JSON object, in SI units'
 
 
 def read_calibration(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters that the options of `add_tendons` set."""
+    """Return the parameters that the options `TENDONS` set."""
     options_by_name = {
         'tension_names': options.tendons,
         'displacement_names': options.motors,
@@ -142,30 +145,10 @@ def read_calibration(options: argparse.Namespace) -> dict[str, Any]:
     return {name: list(values) for name, values in options_by_name.items() if values}
 
 
-def add_model(parser: argparse.ArgumentParser) -> None:
-    """Add ``--model``."""
-    parser.add_argument('--model', choices=MODELS, help='model, instead of that of the config')
-
-
-def add_storage(parser: argparse.ArgumentParser) -> None:
-    """Add ``--storage``, the format of the bag OUT."""
-    parser.add_argument(
-        '--storage',
-        choices=('mcap', 'sqlite3'),
-        default='mcap',
-        help='storage format of OUT (default: %(default)s)',
-    )
-
-
-def add_json(parser: argparse.ArgumentParser, more: str = ', in SI units') -> None:
-    """Add ``--json``; ``more`` continues its help."""
-    add_flag(parser, '--json', f'print one JSON object{more}')
-
-
-def add_highest(parser: argparse.ArgumentParser, default: str, of: str = '') -> None:
-    """Add ``--highest``, the upper limits of tensions; ``default`` describes the default."""
-    text = f'largest tension [N]{of}: one number, or rows as for solve --tensions; by default '
-    add_value(parser, '--highest', 'N', text + default)
+def highest(default: str, of: str = '') -> str:
+    """Return the option of the upper limits of tensions; ``default`` describes the default."""
+    text = 'one number, or rows as for solve --tensions; by default'
+    return f'--highest N: largest tension [N]{of}: {text} {default}'
 
 
 def read_highest(options: argparse.Namespace) -> Any:
@@ -183,33 +166,25 @@ def read_highest(options: argparse.Namespace) -> Any:
     return highest
 
 
-def add_config_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the positional argument ``CONFIG``."""
-    parser.add_argument('config', metavar='CONFIG', help=f'{_CONFIG} such as renda2012_table4')
+CONFIG = f'config CONFIG: {_CONFIG} such as renda2012_table4'
+_PHYSICS = f"""\
+--material {choice(LAWS)}: elastic law of the cross sections
+--gravity X Y Z float: acceleration of gravity in base_frame [m/s^2], e.g. 0 0 -9.81
+--density RHO float: density of the arm [kg/m^3]
+--fluid-density RHO float: density of the surrounding fluid [kg/m^3]
+--tip-force X Y Z float: force on the tip, in base_frame or in the axes of --tip-frame [N]
+--tip-moment X Y Z float: moment on the tip, in base_frame or in the axes of --tip-frame [N m]
+--tip-frame {choice(TIP_FRAMES)}: axes of force and moment: base, or tip for its t, n and b, which
+    turn with it
+"""
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
     """Add the argument for the arm, and the options that replace values of its file."""
-    add_config_argument(parser)
-    add_model(parser)
-    add_value(parser, '--stations', 'N', 'number of stations, instead of that of the config', int)
-    physics = parser.add_argument_group(
-        'physics', 'instead of what the config says; with --model exact'
-    )
-    physics.add_argument('--material', choices=LAWS, help='elastic law of the cross sections')
-    gravity = 'acceleration of gravity in base_frame [m/s^2], e.g. 0 0 -9.81'
-    add_vector(physics, '--gravity', 'X Y Z', gravity)
-    add_value(physics, '--density', 'RHO', 'density of the arm [kg/m^3]', float)
-    text = 'density of the surrounding fluid [kg/m^3]'
-    add_value(physics, '--fluid-density', 'RHO', text, float)
-    text = 'on the tip, in base_frame or in the axes of --tip-frame'
-    add_vector(physics, '--tip-force', 'X Y Z', f'force {text} [N]')
-    add_vector(physics, '--tip-moment', 'X Y Z', f'moment {text} [N m]')
-    physics.add_argument(
-        '--tip-frame',
-        choices=TIP_FRAMES,
-        help='axes of force and moment: base, or tip for its t, n and b, which turn with it',
-    )
+    stations = '--stations N int: number of stations, instead of that of the config'
+    add(parser, f'{CONFIG}\n{MODEL}\n{stations}')
+    text = 'instead of what the config says; with --model exact'
+    add(parser.add_argument_group('physics', text), _PHYSICS)
 
 
 def read_config(options: argparse.Namespace, model: str | None = None) -> Config:
@@ -270,9 +245,9 @@ def add_moving_arm(parser: argparse.ArgumentParser) -> None:
     """Add the arm of `add_config`, and the options for its damping and the water."""
     add_config(parser)
     motion = parser.add_argument_group('motion', 'instead of what the config says')
-    add_value(motion, '--viscosity', 'ETA', 'viscosity of the material [Pa s]', float)
     water = 'coefficients of drag and added mass, in a fluid of --fluid-density'
-    motion.add_argument('--water', choices=WATERS, help=water)
+    viscosity = '--viscosity ETA float: viscosity of the material [Pa s]'
+    add(motion, f'{viscosity}\n--water {choice(WATERS)}: {water}')
 
 
 def read_moving_arm(options: argparse.Namespace) -> tuple[Config, dict[str, Any]]:
@@ -293,14 +268,11 @@ def read_moving_arm(options: argparse.Namespace) -> tuple[Config, dict[str, Any]
     return _read(options, 'exact', motion)
 
 
-def add_dynamic(parser: Any, kinds: Any = None) -> None:
-    """Add ``--dynamic``, to the group of options ``kinds`` if it is given, and ``--step``."""
-    text = (
-        'solve the motion of the arm, with inertia, damping and water, instead of equilibria; '
-        'tensions change linearly from one reading to the next'
-    )
-    add_flag(kinds or parser, '--dynamic', text)
-    add_number(parser, '--step', STEP, 'step of the integration with --dynamic [s]', 'S')
+DYNAMIC = """\
+--dynamic: solve the motion of the arm, with inertia, damping and water, instead of equilibria;
+    tensions change linearly from one reading to the next
+"""
+DYNAMIC_STEP = f'--step S = {STEP}: step of the integration with --dynamic [s]'
 
 
 def read_dynamic(options: argparse.Namespace, moves: bool = False) -> float | None:
@@ -315,14 +287,14 @@ def read_dynamic(options: argparse.Namespace, moves: bool = False) -> float | No
     return within('--step', options.step, *STEPS, 's')
 
 
-def add_tensions(parser: Any, default: str) -> None:
-    """Add ``--tensions``; its help ends with the ``default`` of tendons that are not named."""
+def tensions(default: str) -> str:
+    """Return the option of tensions; its help ends with the ``default`` of other tendons."""
     text = (
         'tensions [N] by name of the tendon, e.g. tendon_1_1=0.4,tendon_1_2=1, or as JSON: by '
         'name, or one row for each section, from the tip to the base, e.g. '
-        f"'[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'; {default}"
+        "'[[0,0,0.5,0],[4,0,0,0],[0,0,13,0]]'"
     )
-    add_value(parser, '--tensions', 'TENSIONS', text)
+    return f'--tensions TENSIONS: {text}; {default}'
 
 
 def read_tensions(text: str, arm: Arm) -> Any:

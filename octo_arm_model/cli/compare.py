@@ -55,8 +55,8 @@ ERRORS = {
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
     add_recording(parser)
-    arguments.add_path(parser, '--out', 'DIR', 'folder for tables and pictures')
-    arguments.add_json(parser)
+    out = '--out DIR path: folder for tables and pictures'
+    arguments.add(parser, f'{out}\n{arguments.JSON}')
 
 
 def run(options: argparse.Namespace) -> int:

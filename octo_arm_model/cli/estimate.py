@@ -15,7 +15,7 @@ from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.validation import finite, not_negative
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
-from octo_arm_model.cli.recordings import add_columns, read_alignment, read_columns
+from octo_arm_model.cli.recordings import COLUMNS, read_alignment, read_columns
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.estimation.estimator import EstimatorOutput
 from octo_arm_model.estimation.settings import (
@@ -318,18 +318,39 @@ cannot be written, 130 interrupted
 """
 
 
+_TOPICS = f"""\
+--midlines TOPIC: midlines of a camera to compare with: nav_msgs/Path, PoseArray, or tips (default:
+    camera/midline)
+{arguments.TENDONS}
+{COLUMNS}
+--marker-names NAME...: names or numbers of the markers at --marker-s in a message of --markers
+    TOPIC:FIELD, or in columns NAME_x, NAME_y and NAME_z of a table
+--align A...: pose in base_frame of any other frame of measurements: X Y Z QX QY QZ QW, none if it
+    equals base_frame, or fit (default: the pose of the camera is fitted, and other measurements in
+    such a frame are refused)
+--clock-offset S float: offset added to the stamps of --midlines [s]; by default found from the
+    motion
+"""
+_OUTPUT = """\
+--out OUT path: new bag to write, with the topics of BAG and those of octo_arm_estimator
+--rate HZ = 10.0: largest number of estimates per second in OUT; 0 for all
+--no-copy: write only the estimates to OUT
+--csv DIR path: folder for estimate.csv and innovations.csv
+--plot PNG path: picture of force and tip with their bands of 95 percent
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
-    text = 'rosbag2 folder, .mcap, .db3 or .csv file, which is not changed'
-    arguments.add_path(parser, 'bag', 'BAG', text)
+    bag = 'rosbag2 folder, .mcap, .db3 or .csv file, which is not changed'
+    arguments.add(parser, f'bag BAG path: {bag}')
     arguments.add_config_option(parser, None, 'the arm_description in the bag')
     text = 'estimate each time from the whole recording instead of earlier measurements only'
-    arguments.add_flag(parser, '--smooth', text)
+    arguments.add(parser, f'--smooth: {text}')
     topics = parser.add_argument_group(
         'topics', 'by default topics of the names above, in any namespace; - for none'
     )
-    text = 'tensions, or any numeric field of any topic'
-    arguments.add_value(topics, '--tensions', 'TOPIC[:FIELD]', text)
+    arguments.add(topics, '--tensions TOPIC[:FIELD]: tensions, or any numeric field of any topic')
     for name, row in MEASUREMENT_TOPICS.items():
         topics.add_argument(
             f'--{name.rsplit("/", 1)[-1].replace("_", "-")}',
@@ -337,39 +358,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             metavar='TOPIC[:FIELD]' if name in (DISPLACEMENTS, MARKERS) else 'TOPIC',
             help=f'topic to use instead of {name} ({row.type_name})',
         )
-    text = 'midlines of a camera to compare with: nav_msgs/Path, PoseArray, or tips (default: '
-    arguments.add_value(topics, '--midlines', 'TOPIC', f'{text}camera/midline)')
-    arguments.add_tendons(parser)
-    add_columns(topics)
-    text = (
-        'names or numbers of the markers at --marker-s in a message of --markers TOPIC:FIELD, or '
-        'in columns NAME_x, NAME_y and NAME_z of a table'
-    )
-    arguments.add_values(topics, '--marker-names', 'NAME', text)
-    topics.add_argument(
-        '--align',
-        nargs='+',
-        metavar='A',
-        help='pose in base_frame of any other frame of measurements: X Y Z QX QY QZ QW, none if '
-        'it equals base_frame, or fit (default: the pose of the camera is fitted, and other '
-        'measurements in such a frame are refused)',
-    )
-    text = 'offset added to the stamps of --midlines [s]; by default found from the motion'
-    arguments.add_value(topics, '--clock-offset', 'S', text, float)
+    arguments.add(topics, _TOPICS)
     _add_estimator(parser)
-    output = parser.add_argument_group('output', 'besides the summary')
-    text = 'new bag to write, with the topics of BAG and those of octo_arm_estimator'
-    arguments.add_path(output, '--out', 'OUT', text)
-    arguments.add_number(
-        output, '--rate', 10.0, 'largest number of estimates per second in OUT; 0 for all', 'HZ'
-    )
-    arguments.add_flag(output, '--no-copy', 'write only the estimates to OUT')
-    arguments.add_storage(parser)
-    arguments.add_path(output, '--csv', 'DIR', 'folder for estimate.csv and innovations.csv')
-    arguments.add_path(
-        output, '--plot', 'PNG', 'picture of force and tip with their bands of 95 percent'
-    )
-    arguments.add_json(parser)
+    arguments.add(parser.add_argument_group('output', 'besides the summary'), _OUTPUT)
+    arguments.add(parser, f'{arguments.STORAGE}\n{arguments.JSON}')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -440,7 +432,7 @@ def _sources(options: argparse.Namespace) -> Sources:
         arguments.read_config_option(options),
         _read_estimator(options),
         arguments.read_calibration(options),
-        None if options.align is None else read_alignment(options.align),
+        read_alignment(options.align) if options.align else None,
         options.clock_offset,
         tuple(options.marker_names),
     )

@@ -161,6 +161,16 @@ smaller misfit at left-out loads is chosen.
 )
 
 
+_OPTIONS = f"""\
+--loss {arguments.choice((AUTO, *LOSSES))}: loss to minimise: soft_l1 bounds the influence of
+    outliers, linear is least squares (default: the better one at left-out loads)
+--out CONFIG path: ROS parameter file of the fitted arm to write
+--pictures DIR path: folder for pictures: intervals, residuals along s
+--csv DIR path: folder for midlines.csv, stations.csv and tensions.csv of the fitted arm
+{arguments.JSON}
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
     add_recording(parser, 'all')
@@ -172,20 +182,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar='NAME',
         help='parameters to fit (default: youngs_modulus)',
     )
-    parser.add_argument(
-        '--loss',
-        choices=(AUTO, *LOSSES),
-        default=AUTO,
-        help='loss to minimise: soft_l1 bounds the influence of outliers, linear is least '
-        'squares (default: the better one at left-out loads)',
-    )
-    arguments.add_path(parser, '--out', 'CONFIG', 'ROS parameter file of the fitted arm to write')
-    arguments.add_path(
-        parser, '--pictures', 'DIR', 'folder for pictures: intervals, residuals along s'
-    )
-    text = 'folder for midlines.csv, stations.csv and tensions.csv of the fitted arm'
-    arguments.add_path(parser, '--csv', 'DIR', text)
-    arguments.add_json(parser)
+    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -203,7 +200,7 @@ def run(options: argparse.Namespace) -> int:
         with Bar(f'fits of {model}') as bar:
             shapes, values = observations.shapes, recording.parameters
             start, loss = alignment, options.loss
-            return identify(shapes, values, model, fits, start, bar, loss, trajectory)
+            return identify(shapes, values, model, fits, start, bar, loss or AUTO, trajectory)
 
     fitted = of_each(models, 'fitted', notes, fit)
     best = identification.best_of(fitted)

@@ -26,25 +26,25 @@ says, unless --model names another.
 EPILOG = ''
 
 
+_HIGHEST = """\
+for each tendon the least tension that compresses the cross section at its anchorage by 30 percent,
+    bends the arm by two turns, or is 30 percent of that which folds it"""
+_OPTIONS = f"""\
+--tip X Y Z float: tip in base_frame [m]
+--quaternion X Y Z W float: orientation of the tip as well, its x axis along the arm
+--bend PLANE ANGLE float: instead of --tip: turn the tip by ANGLE degrees in the plane at PLANE
+    degrees about the base, from n towards b
+--stiffness X Y Z K float: stiffness K [N/m] of the tip against a force along X Y Z, by
+    co-contraction
+{arguments.highest(_HIGHEST)}
+{arguments.JSON}
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
     arguments.add_config(parser)
-    arguments.add_vector(parser, '--tip', 'X Y Z', 'tip in base_frame [m]')
-    orientation = 'orientation of the tip as well, its x axis along the arm'
-    arguments.add_vector(parser, '--quaternion', 'X Y Z W', orientation)
-    bend = (
-        'instead of --tip: turn the tip by ANGLE degrees in the plane at PLANE degrees about the '
-        'base, from n towards b'
-    )
-    arguments.add_vector(parser, '--bend', 'PLANE ANGLE', bend)
-    stiffness = 'stiffness K [N/m] of the tip against a force along X Y Z, by co-contraction'
-    arguments.add_vector(parser, '--stiffness', 'X Y Z K', stiffness)
-    default = (
-        'for each tendon the least tension that compresses the cross section at its anchorage by '
-        '30 percent, bends the arm by two turns, or is 30 percent of that which folds it'
-    )
-    arguments.add_highest(parser, default)
-    arguments.add_json(parser)
+    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -33,17 +33,16 @@ examples:
 _OTHERS = (*SIMULATOR_PARAMETERS, *ESTIMATOR_PARAMETERS)
 
 
+_OPTIONS = f"""\
+{arguments.CONFIG}
+--node NAME = /octo_arm: the node, with its namespace
+--wait S = 10.0: how long to wait for the node and for each answer [s]
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
-    arguments.add_config_argument(parser)
-    parser.add_argument(
-        '--node',
-        default='/octo_arm',
-        metavar='NAME',
-        help='the node, with its namespace (default: %(default)s)',
-    )
-    wait = 'how long to wait for the node and for each answer [s]'
-    arguments.add_number(parser, '--wait', 10.0, wait, 'S')
+    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -39,23 +39,28 @@ _OF_PLAYING = '--loop', '--hold', '--topic', '--wait'
 _OF_ONE = '--highest', '--speed', '--rate', '--csv', '--plot'
 
 
+_FIRST = """\
+profile PROFILE?: movement of --list, or a CSV or YAML file
+--list: list the movements of the arm
+"""
+_OPTIONS = f"""\
+{arguments.highest('what the arm bears', ' of rotating, ramps, steps and sweeps')}
+--speed SPEED = 1.0: factor on the speed of the profile
+--loop: repeat the profile until Ctrl-C
+--rate HZ = 50.0: commands, or rows of --csv, per second
+--topic TOPIC = {TOPIC}: topic to publish
+--hold: keep the last tensions at the end
+--wait S = 5.0: longest wait for a subscriber [s]
+--csv CSV path: write the profile to this table instead
+--plot PNG path: draw the profile instead; needs matplotlib
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
-    parser.add_argument(
-        'profile', metavar='PROFILE', nargs='?', help='movement of --list, or a CSV or YAML file'
-    )
-    arguments.add_flag(parser, '--list', 'list the movements of the arm')
+    arguments.add(parser, _FIRST)
     arguments.add_config_option(parser, 'renda2012_table4')
-    of = ' of rotating, ramps, steps and sweeps'
-    arguments.add_highest(parser, 'what the arm bears', of)
-    arguments.add_number(parser, '--speed', 1.0, 'factor on the speed of the profile')
-    arguments.add_flag(parser, '--loop', 'repeat the profile until Ctrl-C')
-    arguments.add_number(parser, '--rate', 50.0, 'commands, or rows of --csv, per second', 'HZ')
-    parser.add_argument('--topic', default=TOPIC, help='topic to publish (default: %(default)s)')
-    arguments.add_flag(parser, '--hold', 'keep the last tensions at the end')
-    arguments.add_number(parser, '--wait', 5.0, 'longest wait for a subscriber [s]', 'S')
-    arguments.add_path(parser, '--csv', 'CSV', 'write the profile to this table instead')
-    arguments.add_path(parser, '--plot', 'PNG', 'draw the profile instead; needs matplotlib')
+    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -44,28 +44,26 @@ exit status: 0 done, 2 the input is wrong or OUT cannot be written, 130 interrup
 """
 
 
+_OPTIONS = f"""\
+--stiffness RATIO float: true Young's modulus over that of the config (default: 1.1; 1 with
+    --touch)
+--clock-offset S = 0.08: how far the camera's clock is ahead [s]
+--sheath K = 0.0: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config
+--axial-stiffness K = 0.0: true E A of the tendons themselves [N]; 0 for that of the config
+--friction MU = 0.0: true coefficient of friction of the tendons; if not 0, tensions rise and fall
+--touch N = 0.0: force on the tip while the middle tension is held [N], for octo-arm estimate
+--markers S... float: arc coordinates of measured markers [m]
+--seed SEED = 0: seed of all random numbers
+{arguments.STORAGE}
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
-    arguments.add_path(parser, 'out', 'OUT', 'new bag to write')
+    arguments.add(parser, 'out OUT path: new bag to write')
     more = '; tensions are scaled to what the arm bears'
     arguments.add_config_option(parser, 'renda2012_prototype', more=more)
-    text = "true Young's modulus over that of the config (default: 1.1; 1 with --touch)"
-    arguments.add_value(parser, '--stiffness', 'RATIO', text, float)
-    arguments.add_number(
-        parser, '--clock-offset', 0.08, "how far the camera's clock is ahead [s]", 'S'
-    )
-    sheath = "true stiffness of the tendons' sheaths [Pa]; 0 for that of the config"
-    arguments.add_number(parser, '--sheath', 0.0, sheath, 'K')
-    stretch = 'true E A of the tendons themselves [N]; 0 for that of the config'
-    arguments.add_number(parser, '--axial-stiffness', 0.0, stretch, 'K')
-    friction = 'true coefficient of friction of the tendons; if not 0, tensions rise and fall'
-    arguments.add_number(parser, '--friction', 0.0, friction, 'MU')
-    touch = 'force on the tip while the middle tension is held [N], for octo-arm estimate'
-    arguments.add_number(parser, '--touch', 0.0, touch, 'N')
-    text = 'arc coordinates of measured markers [m]'
-    arguments.add_values(parser, '--markers', 'S', text, float)
-    arguments.add_number(parser, '--seed', 0, 'seed of all random numbers')
-    arguments.add_storage(parser)
+    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

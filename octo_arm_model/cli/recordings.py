@@ -57,10 +57,61 @@ exit status: 0 done, 1 no trustworthy answer or nothing to compare, 2 the input 
 """
 
 
+COLUMNS = """\
+--columns NAME=COLUMN...: column of the quantity NAME: its header, #N for the N-th column, or a
+    constant (tendon_1_2=0); or a YAML file of such pairs; tension:NAME, midline:NAME or
+    displacement:NAME for one of the files; units are those in the header, as "force [mN]"
+"""
+_POINTS = f"""\
+--midlines TOPIC[:FIELD]...: measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips
+    (geometry_msgs/PoseStamped, PointStamped, TransformStamped), sensor_msgs/PointCloud2, or any
+    field of points or poses of any message; by default the only such topic; with --marker-s one
+    topic for all or for each marker, with --marker-frames topics of TF
+--marker-s S... float: arc coordinates of markers [m], from the base on: the measured points are
+    those of the markers, NaN if one is hidden, instead of midlines
+--marker-frames FRAME...: frames of the markers in /tf and /tf_static, or in the topics of
+    --midlines, in the same order; chains of frames are followed to base_frame, or else to their
+    root
+--marker-names NAME...: names of the markers in a message or in columns NAME_x, NAME_y, NAME_z of a
+    table, or their numbers in a message from 0 on, in the same order
+--length-unit {arguments.choice(LENGTH_UNITS)} = m: unit of the measured points
+--tensions TOPIC[:FIELD]: tensions, or any numeric field of any topic; by default the only topic of
+    tensions
+--displacements TOPIC[:FIELD]: lengths that winches have reeled in, as encoders read them
+    (sensor_msgs/JointState, position [m] by name), or any numeric field of any topic with --motors
+    and --spools; by default tendon_displacements; if no tensions were recorded, the model exact
+    computes them from these lengths
+{arguments.TENDONS}
+--align A...: pose of the camera in base_frame: 'fit', 'none' if it measures in base_frame, or X Y
+    Z QX QY QZ QW (default: 'none' if the midlines are in base_frame, else 'fit')
+"""
+_TABLES = f"""\
+--tension-csv CSV path: tensions: time [s] and a column for each tendon [N]
+--midline-csv CSV path: midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ...
+    [m]
+--displacement-csv CSV path: encoders: time [s] and a column {DISPLACEMENT}TENDON for each encoder
+    [m]
+--pose-csv CSV path: a table of static poses: each row has tensions or encoders, and the measured
+    points; a time is optional
+{COLUMNS}"""
+_PAIRING = f"""\
+--tolerance S = 0.1: tolerance of stamps [s]: a frame needs a sample of tensions within this time,
+    and must lie at least that far inside its steady step
+--clock-offset S float: offset added to the stamps of frames [s]; by default found from the motion
+--base-end {{first,last}}: end of the midlines at the base; by default the end that moves least
+--steady N float: half of the band that steady tensions stay in [N], or lengths [m] if there are no
+    tensions (default: 2 percent of the highest, or four times the noise if that is larger, but at
+    most 5 percent of the highest)
+--hold S = 1.0: least duration of a steady step [s]
+{arguments.DYNAMIC_STEP}
+--settle S = 0.5: time from the start of a step until the arm is at rest [s]
+"""
+
+
 def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
     """Add the bag and the options to read it; the help of --model names the ``default``."""
     bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
-    parser.add_argument('bag', nargs='?', type=arguments.path_of, metavar='BAG', help=bag)
+    arguments.add(parser, f'bag BAG? path: {bag}')
     arguments.add_config_option(parser, None, 'the arm_description in the bag')
     parser.add_argument(
         '--model',
@@ -69,85 +120,13 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         metavar='MODEL',
         help=f'models: {", ".join(MODELS)} or {ALL} (default: {default})',
     )
-    text = (
-        'measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips '
-        '(geometry_msgs/PoseStamped, PointStamped, TransformStamped), sensor_msgs/PointCloud2, or '
-        'any field of points or poses of any message; by default the only such topic; with '
-        '--marker-s one topic for all or for each marker, with --marker-frames topics of TF'
-    )
-    arguments.add_values(parser, '--midlines', 'TOPIC[:FIELD]', text)
-    text = (
-        'arc coordinates of markers [m], from the base on: the measured points are those of the '
-        'markers, NaN if one is hidden, instead of midlines'
-    )
-    arguments.add_values(parser, '--marker-s', 'S', text, float)
-    text = (
-        'frames of the markers in /tf and /tf_static, or in the topics of --midlines, in the same '
-        'order; chains of frames are followed to base_frame, or else to their root'
-    )
-    arguments.add_values(parser, '--marker-frames', 'FRAME', text)
-    text = (
-        'names of the markers in a message or in columns NAME_x, NAME_y, NAME_z of a table, or '
-        'their numbers in a message from 0 on, in the same order'
-    )
-    arguments.add_values(parser, '--marker-names', 'NAME', text)
-    parser.add_argument(
-        '--length-unit',
-        choices=LENGTH_UNITS,
-        default='m',
-        help='unit of the measured points (default: %(default)s)',
-    )
-    text = 'tensions, or any numeric field of any topic; by default the only topic of tensions'
-    arguments.add_value(parser, '--tensions', 'TOPIC[:FIELD]', text)
-    text = (
-        'lengths that winches have reeled in, as encoders read them (sensor_msgs/JointState, '
-        'position [m] by name), or any numeric field of any topic with --motors and --spools; by '
-        'default tendon_displacements; if no tensions were recorded, the model exact computes '
-        'them from these lengths'
-    )
-    arguments.add_value(parser, '--displacements', 'TOPIC[:FIELD]', text)
-    arguments.add_tendons(parser)
-    parser.add_argument(
-        '--align',
-        nargs='+',
-        metavar='A',
-        help="pose of the camera in base_frame: 'fit', 'none' if it measures in base_frame, or "
-        "X Y Z QX QY QZ QW (default: 'none' if the midlines are in base_frame, else 'fit')",
-    )
-    tables = parser.add_argument_group(
-        'CSV files', 'instead of topics; BAG is left out if midlines and readings are in CSV files'
-    )
-    text = 'tensions: time [s] and a column for each tendon [N]'
-    arguments.add_path(tables, '--tension-csv', 'CSV', text)
-    text = 'midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ... [m]'
-    arguments.add_path(tables, '--midline-csv', 'CSV', text)
-    text = f'encoders: time [s] and a column {DISPLACEMENT}TENDON for each encoder [m]'
-    arguments.add_path(tables, '--displacement-csv', 'CSV', text)
-    text = 'a table of static poses: each row has tensions or encoders, and the measured points; '
-    arguments.add_path(tables, '--pose-csv', 'CSV', f'{text}a time is optional')
-    add_columns(tables)
+    arguments.add(parser, _POINTS)
+    text = 'instead of topics; BAG is left out if midlines and readings are in CSV files'
+    arguments.add(parser.add_argument_group('CSV files', text), _TABLES)
     pairing = parser.add_argument_group('pairing of frames and tensions')
-    tolerance = (
-        'tolerance of stamps [s] (default: %(default)s): a frame needs a sample of tensions '
-        'within this time, and must lie at least that far inside its steady step'
-    )
-    arguments.add_number(pairing, '--tolerance', 0.1, tolerance, 'S')
-    text = 'offset added to the stamps of frames [s]; by default found from the motion'
-    arguments.add_value(pairing, '--clock-offset', 'S', text, float)
-    pairing.add_argument(
-        '--base-end',
-        choices=('first', 'last'),
-        help='end of the midlines at the base; by default the end that moves least',
-    )
-    text = (
-        'half of the band that steady tensions stay in [N], or lengths [m] if there are no '
-        'tensions (default: 2 percent of the highest, or four times the noise if that is larger, '
-        'but at most 5 percent of the highest)'
-    )
-    arguments.add_value(pairing, '--steady', 'N', text, float)
-    arguments.add_number(pairing, '--hold', 1.0, 'least duration of a steady step [s]', 'S')
+    arguments.add(pairing, _PAIRING)
     kind = pairing.add_mutually_exclusive_group()
-    arguments.add_dynamic(pairing, kind)
+    arguments.add(kind, arguments.DYNAMIC)
     kind.add_argument(
         '--ramp',
         nargs='?',
@@ -158,20 +137,7 @@ def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the c
         'each window spans N newtons (default: 5 percent of the highest tension, or eight times '
         'the noise)',
     )
-    text = 'each row of tensions is a static pose, as in a table of poses'
-    arguments.add_flag(kind, '--poses', text)
-    settle = 'time from the start of a step until the arm is at rest [s]'
-    arguments.add_number(pairing, '--settle', 0.5, settle, 'S')
-
-
-def add_columns(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
-    """Add ``--columns``, which assigns the columns of CSV files."""
-    text = (
-        'column of the quantity NAME: its header, #N for the N-th column, or a constant '
-        '(tendon_1_2=0); or a YAML file of such pairs; tension:NAME, midline:NAME or '
-        'displacement:NAME for one of the files; units are those in the header, as "force [mN]"'
-    )
-    arguments.add_values(parser, '--columns', 'NAME=COLUMN', text)
+    arguments.add(kind, '--poses: each row of tensions is a static pose, as in a table of poses')
 
 
 def _read_files(options: argparse.Namespace) -> CsvSources:
@@ -239,7 +205,7 @@ def read_options(
         OctoArmError: if the bag or an option is wrong, or the bag has nothing to compare.
     """
     pairing, step = _read_pairing(options)
-    alignment = None if options.align is None else read_alignment(options.align)
+    alignment = read_alignment(options.align) if options.align else None
     markers = MarkerSources(
         tuple(options.midlines),
         tuple(options.marker_s),
@@ -272,10 +238,10 @@ def read_options(
         arguments.refuse_without_effect(options, ('--base-end',), 'on tips and markers')
     config = Config.from_parameters(recording.parameters)
     notes: list[str] = []
-    if options.align is None and recording.frame_id == config.base_frame:
+    if not options.align and recording.frame_id == config.base_frame:
         alignment = Alignment.none()
         notes.append(f'midlines are in base_frame, {config.base_frame}: no alignment')
-    elif options.align is None:
+    elif not options.align:
         notes.append(
             f'midlines are in {recording.frame_id!r}, base_frame is {config.base_frame!r}: the '
             'alignment is fitted'

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, unwritten, writing
-from octo_arm_model.cli.recordings import add_columns, read_columns
+from octo_arm_model.cli.recordings import COLUMNS, read_columns
 
 if TYPE_CHECKING:
     from octo_arm_model.bags.replay import Report
@@ -51,30 +51,35 @@ no tensions, none for this arm) or OUT cannot be written, 130 interrupted
 """
 
 
+_BAGS = """\
+bag IN path: bag with tensions, or a table of tensions whose name ends in .csv
+out OUT path: new bag to write
+"""
+_OPTIONS = f"""\
+{arguments.MODEL}
+{arguments.DYNAMIC}
+{arguments.DYNAMIC_STEP}
+--topics TOPIC[:FIELD]...: topics of tensions or displacements, or any numeric field of any topic
+    (default: all with the names that the node listens to, in any namespace, or else the only one
+    of such a type)
+--displacements TOPIC[:FIELD]...: further topics of displacements, or any numeric field of any
+    topic, with --motors
+{arguments.TENDONS}
+{COLUMNS}
+--lengths: write tendon_lengths too
+--no-copy: write only the answers, without the content of IN
+--csv DIR path: folder for stations.csv and tensions.csv, which `octo-arm play` reads if stamps
+    rise
+{arguments.STORAGE}
+--json: print one JSON object
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
-    text = 'bag with tensions, or a table of tensions whose name ends in .csv'
-    arguments.add_path(parser, 'bag', 'IN', text)
-    arguments.add_path(parser, 'out', 'OUT', 'new bag to write')
+    arguments.add(parser, _BAGS)
     arguments.add_config_option(parser, None, 'the arm_description in the bag')
-    arguments.add_model(parser)
-    arguments.add_dynamic(parser)
-    text = (
-        'topics of tensions or displacements, or any numeric field of any topic (default: all '
-        'with the names that the node listens to, in any namespace, or else the only one of such '
-        'a type)'
-    )
-    arguments.add_values(parser, '--topics', 'TOPIC[:FIELD]', text)
-    text = 'further topics of displacements, or any numeric field of any topic, with --motors'
-    arguments.add_values(parser, '--displacements', 'TOPIC[:FIELD]', text)
-    arguments.add_tendons(parser)
-    add_columns(parser)
-    arguments.add_flag(parser, '--lengths', 'write tendon_lengths too')
-    arguments.add_flag(parser, '--no-copy', 'write only the answers, without the content of IN')
-    text = 'folder for stations.csv and tensions.csv, which `octo-arm play` reads if stamps rise'
-    arguments.add_path(parser, '--csv', 'DIR', text)
-    arguments.add_storage(parser)
-    arguments.add_json(parser, '')
+    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

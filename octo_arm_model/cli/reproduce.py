@@ -23,7 +23,7 @@ exit status: 0 all claims hold for the paper's own model, 1 one does not, 2 the 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
-    arguments.add_path(parser, 'outdir', 'OUTDIR', 'folder for the page')
+    arguments.add(parser, 'outdir OUTDIR path: folder for the page')
 
 
 def run(options: argparse.Namespace) -> int:

@@ -41,23 +41,24 @@ wrong or a file cannot be written, 130 interrupted
 """
 
 
+_OPTIONS = f"""\
+profile PROFILE: movement of octo-arm play --list, or a CSV or YAML file
+{arguments.highest('what the arm bears', ' of rotating, ramps, steps and sweeps')}
+--step S = {STEP}: longest step of the integration [s]
+--rate HZ = 50.0: written moments per second
+--hold S = 0.0: time after the end of the profile [s]
+--out BAG path: new bag to write
+--csv CSV path: table to write
+--plot PNG path: picture to write; needs matplotlib
+--animate GIF path: moving picture to write; needs matplotlib
+{arguments.STORAGE}
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
     arguments.add_moving_arm(parser)
-    parser.add_argument(
-        'profile',
-        metavar='PROFILE',
-        help='movement of octo-arm play --list, or a CSV or YAML file',
-    )
-    arguments.add_highest(parser, 'what the arm bears', ' of rotating, ramps, steps and sweeps')
-    arguments.add_number(parser, '--step', STEP, 'longest step of the integration [s]', 'S')
-    arguments.add_number(parser, '--rate', 50.0, 'written moments per second', 'HZ')
-    arguments.add_number(parser, '--hold', 0.0, 'time after the end of the profile [s]', 'S')
-    arguments.add_path(parser, '--out', 'BAG', 'new bag to write')
-    arguments.add_path(parser, '--csv', 'CSV', 'table to write')
-    arguments.add_path(parser, '--plot', 'PNG', 'picture to write; needs matplotlib')
-    arguments.add_path(parser, '--animate', 'GIF', 'moving picture to write; needs matplotlib')
-    arguments.add_storage(parser)
+    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -67,16 +67,18 @@ EPILOG = ''
 _NAMED = 'tendon_1_1=0.02'
 
 
+_OPTIONS = f"""\
+{arguments.tensions('all others are slack')}
+--displacements LENGTHS: lengths that winches have reeled in [m], by name of the tendon, e.g.
+    {_NAMED}, or as JSON; --tensions are by name then, of tendons driven by tension
+{arguments.JSON}
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
     arguments.add_config(parser)
-    arguments.add_tensions(parser, 'all others are slack')
-    text = (
-        f'lengths that winches have reeled in [m], by name of the tendon, e.g. {_NAMED}, or as '
-        'JSON; --tensions are by name then, of tendons driven by tension'
-    )
-    arguments.add_value(parser, '--displacements', 'LENGTHS', text)
-    arguments.add_json(parser)
+    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -31,30 +31,26 @@ give the same tips with any --processes or --scheduler. The exit status is 1 if 
 _COMPRESSION = 0.1  # largest compression by one tendon of the section at its anchorage
 
 
+_HIGHEST = """\
+for each tendon the least tension that alone compresses the section at its anchorage by 10 percent,
+    bends the arm by two turns, or is 10 percent of that which folds it"""
+_OPTIONS = f"""\
+{arguments.highest(_HIGHEST)}
+--samples N = 4096: number of sets of tensions, at best a power of two
+--seed N = 0: seed of the sets of tensions
+--processes N int: number of worker processes; by default one for each core if that is faster
+--scheduler ADDRESS: Dask scheduler whose workers solve instead, such as tcp://10.0.0.1:8786; needs
+    pip install 'octo_arm_model[cluster]'
+--out PNG path: picture to write (default: workspace.png; with --json none)
+{arguments.JSON}: highest, seed, refused, and of each set with an answer its tensions, tip and
+    direction
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command to a ``parser``."""
     arguments.add_config(parser)
-    default = (
-        'for each tendon the least tension that alone compresses the section at its anchorage '
-        'by 10 percent, bends the arm by two turns, or is 10 percent of that which folds it'
-    )
-    arguments.add_highest(parser, default)
-    text = 'number of sets of tensions, at best a power of two'
-    arguments.add_number(parser, '--samples', 4096, text, 'N')
-    arguments.add_number(parser, '--seed', 0, 'seed of the sets of tensions', 'N')
-    text = 'number of worker processes; by default one for each core if that is faster'
-    arguments.add_value(parser, '--processes', 'N', text, int)
-    text = 'Dask scheduler whose workers solve instead, such as tcp://10.0.0.1:8786; needs '
-    arguments.add_value(
-        parser, '--scheduler', 'ADDRESS', f"{text}pip install 'octo_arm_model[cluster]'"
-    )
-    arguments.add_path(
-        parser, '--out', 'PNG', 'picture to write (default: workspace.png; with --json none)'
-    )
-    sets = (
-        ': highest, seed, refused, and of each set with an answer its tensions, tip and direction'
-    )
-    arguments.add_json(parser, f', in SI units{sets}')
+    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> int:
