@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, TensionError, shown
@@ -23,7 +24,7 @@ from octo_arm_model.rod.motion import STEPS
 from octo_arm_model.rod.solver import MODELS
 from octo_arm_model.simulation.moving_arm import STEP
 
-_CONFIG = 'ROS parameter file of the arm, or the name of a preset'
+ARM_FILE = 'ROS parameter file of the arm, or the name of a preset'
 
 
 def refuse_without_effect(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
@@ -39,54 +40,6 @@ def refuse_without_effect(options: argparse.Namespace, names: Sequence[str], why
             raise ConfigError(f'{name} has no effect {why}')
 
 
-def add(parser: Any, text: str) -> None:
-    """Add the options and arguments that a ``text`` describes, in the order of their lines.
-
-    Each begins a line with its name, words for its values, and behind a colon its help, which
-    goes on in indented lines. Values are texts, unless a type (float, int, path) is behind the
-    words, or the default is a number. An option without a word is a flag::
-
-        --hold S = 1.0: a number, with its default
-        --marker-s S... float: one or more values, by default none
-        --tip X Y Z float: as many values as words
-        --storage {mcap,sqlite3} = mcap: one of these
-        bag BAG? path: an argument that may be left out
-        --json: a flag
-    """
-    types = {'float': float, 'int': int, 'path': path_of}
-    for option in re.split(r'\n(?=\S)', text.strip()):
-        head, _, explanation = ' '.join(option.split()).partition(': ')
-        head, _, default = head.partition(' = ')
-        name, *words = head.split(' ')
-        how: dict[str, Any] = {'help': explanation}
-        if not words:
-            parser.add_argument(name, action='store_true', **how)
-            continue
-        if words[-1] in types:
-            how['type'] = types[words.pop()]
-        if default:
-            how['help'] += ' (default: %(default)s)'
-            how['default'] = default
-            for number in (float, int):
-                with contextlib.suppress(ValueError):
-                    how |= {'type': number, 'default': number(default)}
-        word = how['metavar'] = words[0].removesuffix('...').removesuffix('?')
-        if word.startswith('{'):
-            how |= {'choices': word.strip('{}').split(','), 'metavar': None}
-        elif words[0].endswith('...'):
-            how |= {'nargs': '+', 'default': []}
-        elif words[0].endswith('?'):
-            how['nargs'] = '?'
-        elif len(words) > 1:
-            how |= {'nargs': len(words), 'metavar': tuple(words)}
-        parser.add_argument(name, **how)
-
-
-def choice(values: Iterable[str]) -> str:
-    """Return the word of `add` for one of ``values``."""
-    return f'{{{",".join(values)}}}'
-
-
 def path_of(text: str) -> Path:
     """Return ``text`` as a path.
 
@@ -99,16 +52,82 @@ def path_of(text: str) -> Path:
     return Path(text)
 
 
-def add_config_option(
-    parser: argparse.ArgumentParser, default: str | None, otherwise: str = '', more: str = ''
-) -> None:
-    """Add ``--config``; its help names the ``default``, or ``otherwise`` if that is None."""
-    parser.add_argument(
-        '--config',
-        default=default,
-        metavar='CONFIG',
-        help=f'{_CONFIG} (default: {otherwise or "%(default)s"}){more}',
-    )
+_TYPES = {'float': float, 'int': int, 'path': path_of}
+
+
+def add(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add the options and arguments that a ``text`` describes, in the order of their lines.
+
+    Each begins a line with its name, words for its values, and behind a colon its help, which
+    goes on in indented lines. Values are texts, unless a type (float, int, path) or the choices
+    are behind the words, or the default is a number. An option without a word is a flag::
+
+        --hold S = 1.0: a number, with its default
+        --marker-s S... float: one or more values, by default none
+        --tip X Y Z float: as many values as words
+        --storage {mcap,sqlite3} = mcap: one of these
+        --gate X float -> estimator.gate: a number with another name in the namespace
+        bag BAG? path: an argument that may be left out; of an option, its value
+        [physics] the options from here on are in this group, with this description
+        (
+        --dynamic: flags and options between such lines exclude each other
+        )
+        [] from here on they are in no group
+    """
+    place: Any = parser
+    groups: dict[str, Any] = {'': parser}
+    for entry in re.split(r'\n(?=\S)', text.strip()):
+        entry = ' '.join(entry.split())
+        if entry.startswith('['):
+            title, _, description = entry[1:].partition(']')
+            if title not in groups:
+                groups[title] = parser.add_argument_group(title, description.strip() or None)
+            place = groups[title]
+        elif entry == '(':
+            outer, place = place, place.add_mutually_exclusive_group()
+        elif entry == ')':
+            place = outer
+        else:
+            _add_one(place, entry)
+
+
+def _add_one(place: Any, entry: str) -> None:
+    """Add one option or argument to a parser or a group."""
+    head, _, explanation = entry.partition(': ')
+    head, _, dest = head.partition(' -> ')
+    head, _, default = head.partition(' = ')
+    name, *words = head.split(' ')
+    how: dict[str, Any] = {'help': explanation.replace('%', '%%')}
+    if dest:
+        how['dest'] = dest
+    if not words:
+        place.add_argument(name, action='store_true', **how)
+        return
+    if words[-1] in _TYPES:
+        how['type'] = _TYPES[words.pop()]
+    elif words[-1].startswith('{'):
+        how['choices'] = words.pop().strip('{}').split(',')
+    if default:
+        how['help'] += ' (default: %(default)s)'
+        how['default'] = yaml.safe_load(default)
+        how['type'] = type(how['default'])
+    if len(words) > 1:
+        how |= {'nargs': len(words), 'metavar': tuple(words)}
+    elif words:
+        how['metavar'] = words[0].removesuffix('...').removesuffix('?')
+        if words[0].endswith('...'):
+            how |= {'nargs': '+', 'default': []}
+        elif words[0].endswith('?'):
+            how |= {'nargs': '?', 'const': True}
+    place.add_argument(name, **how)
+
+
+def choice(values: Iterable[str]) -> str:
+    """Return the word of `add` for one of ``values``."""
+    return f'{{{",".join(values)}}}'
+
+
+OF_BAG = f'--config CONFIG: {ARM_FILE} (default: the arm_description in the bag)'
 
 
 def read_config_option(options: argparse.Namespace) -> dict[str, Any] | None:
@@ -166,8 +185,12 @@ def read_highest(options: argparse.Namespace) -> Any:
     return highest
 
 
-CONFIG = f'config CONFIG: {_CONFIG} such as renda2012_table4'
-_PHYSICS = f"""\
+CONFIG = f'config CONFIG: {ARM_FILE} such as renda2012_table4'
+ARM = f"""\
+{CONFIG}
+{MODEL}
+--stations N int: number of stations, instead of that of the config
+[physics] instead of what the config says; with --model exact
 --material {choice(LAWS)}: elastic law of the cross sections
 --gravity X Y Z float: acceleration of gravity in base_frame [m/s^2], e.g. 0 0 -9.81
 --density RHO float: density of the arm [kg/m^3]
@@ -176,19 +199,19 @@ _PHYSICS = f"""\
 --tip-moment X Y Z float: moment on the tip, in base_frame or in the axes of --tip-frame [N m]
 --tip-frame {choice(TIP_FRAMES)}: axes of force and moment: base, or tip for its t, n and b, which
     turn with it
+[]
+"""
+MOVING_ARM = f"""\
+{ARM}
+[motion] instead of what the config says
+--viscosity ETA float: viscosity of the material [Pa s]
+--water {choice(WATERS)}: coefficients of drag and added mass, in a fluid of --fluid-density
+[]
 """
 
 
-def add_config(parser: argparse.ArgumentParser) -> None:
-    """Add the argument for the arm, and the options that replace values of its file."""
-    stations = '--stations N int: number of stations, instead of that of the config'
-    add(parser, f'{CONFIG}\n{MODEL}\n{stations}')
-    text = 'instead of what the config says; with --model exact'
-    add(parser.add_argument_group('physics', text), _PHYSICS)
-
-
 def read_config(options: argparse.Namespace, model: str | None = None) -> Config:
-    """Return the config that the options of `add_config` describe.
+    """Return the config that the options `ARM` describe.
 
     Without --model the model is ``model``, or that of the config if that is None.
 
@@ -203,7 +226,7 @@ def read_config(options: argparse.Namespace, model: str | None = None) -> Config
 def _read(
     options: argparse.Namespace, model: str | None, motion: dict[str, Any] | None = None
 ) -> tuple[Config, dict[str, Any]]:
-    """Return the config of `add_config`'s options for a ``model``, and its parameters.
+    """Return the config of the options `ARM` for a ``model``, and its parameters.
 
     An arm that moves has parameters of ``motion``, which replace those of the file; None stands
     for the default.
@@ -241,17 +264,8 @@ def _read(
     return config, parameters
 
 
-def add_moving_arm(parser: argparse.ArgumentParser) -> None:
-    """Add the arm of `add_config`, and the options for its damping and the water."""
-    add_config(parser)
-    motion = parser.add_argument_group('motion', 'instead of what the config says')
-    water = 'coefficients of drag and added mass, in a fluid of --fluid-density'
-    viscosity = '--viscosity ETA float: viscosity of the material [Pa s]'
-    add(motion, f'{viscosity}\n--water {choice(WATERS)}: {water}')
-
-
 def read_moving_arm(options: argparse.Namespace) -> tuple[Config, dict[str, Any]]:
-    """Return the config that the options of `add_moving_arm` describe, and its parameters.
+    """Return the config that the options `MOVING_ARM` describe, and its parameters.
 
     Raises:
         OctoArmError: if the config cannot be read, a value is impossible, or the model is another

@@ -12,7 +12,7 @@ import numpy as np
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, writing
-from octo_arm_model.cli.recordings import RECORDINGS, add_recording, of_each, read_options
+from octo_arm_model.cli.recordings import RECORDINGS, of_each, read_options, recording_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import CsvFiles
 from octo_arm_model.experiment.compare import ModelComparison, compare, write_tables
@@ -52,11 +52,11 @@ ERRORS = {
 }
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    add_recording(parser)
-    out = '--out DIR path: folder for tables and pictures'
-    arguments.add(parser, f'{out}\n{arguments.JSON}')
+OPTIONS = f"""\
+{recording_options('that of the config')}
+--out DIR path: folder for tables and pictures
+{arguments.JSON}
+"""
 
 
 def run(options: argparse.Namespace) -> int:

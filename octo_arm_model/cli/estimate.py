@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 # Prefixes of parameters that describe the noise of sensors; the others describe what is unknown.
 _SENSORS = ('displacement', 'marker', 'tip_', 'base_')
+_OF_ARM = ('tension_stddev', 'material.youngs_modulus_stddev')  # options of the arm itself
 _APART = ('contact', 'contact_s', 'window')  # set by another option, or used by the node only
 TENSIONS = 'tensions'
 # The sensors that options apply to, by the prefixes of their names.
@@ -52,54 +53,28 @@ _OF_SENSOR = {
     f'{PREFIX}tip': TIP_POSE,
     f'{PREFIX}base': BASE_WRENCH,
 }
-# Options for standard deviations that are parameters of the arm.
-_OF_ARM = {
-    '--tension-stddev': (
-        'tension_stddev',
-        'N',
-        'standard deviation of the tensions [N] (default: '
-        'tension_stddev of the arm, or else that of the recording)',
-    ),
-    '--modulus-stddev': (
-        'material.youngs_modulus_stddev',
-        'PART',
-        'standard deviation of E over E [-]; 0 if E is known (default: that of the arm)',
-    ),
-}
-
-
-def _add_estimator(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the estimator; their defaults come from the arm or the table."""
-    unknown = parser.add_argument_group('what is unknown')
-    unknown.add_argument(
-        '--contact',
-        nargs='+',
-        metavar='C',
-        help=f'{", ".join(CONTACTS)}: what acts on the arm besides its known loads; at S is a '
-        'force at the arc coordinate S [m], somewhere one at S ..., or, without these, at five '
-        'even steps (default: tip)',
-    )
-    sensors = parser.add_argument_group('how exact sensors are')
-    for option, (name, metavar, text) in _OF_ARM.items():
-        group = sensors if option == '--tension-stddev' else unknown
-        group.add_argument(option, dest=name, type=float, metavar=metavar, help=text)
-    for row in _offered():
-        name = row.name.removeprefix(PREFIX)
-        group = sensors if name.startswith(_SENSORS) else unknown
-        shown = 'none' if row.is_array else f'{RECORDING_DEFAULTS.get(row.name, row.default):g}'
-        group.add_argument(
-            _option(name),
-            dest=row.name,
-            type=row.kind,
-            nargs='+' if row.is_array else None,
-            metavar='S' if name == 'marker_s' else 'X',
-            help=f'{row.description} (default: {shown})'.replace('%', '%%'),
-        )
 
 
 def _offered() -> list[Parameter]:
     """Return the parameters that have an option of the same name."""
     return [row for row in ESTIMATOR_PARAMETERS if row.name.removeprefix(PREFIX) not in _APART]
+
+
+def _parameter_options(of_sensors: bool) -> str:
+    """Return the options of parameters of the estimator, which describe the noise of sensors.
+
+    Or those of the others, which describe what is unknown. Their defaults come from the arm or the
+    table.
+    """
+    options = []
+    for row in _offered():
+        name = row.name.removeprefix(PREFIX)
+        word = 'S...' if name == 'marker_s' else 'X'
+        default = 'none' if row.is_array else f'{RECORDING_DEFAULTS.get(row.name, row.default):g}'
+        if name.startswith(_SENSORS) == of_sensors:
+            head = f'{_option(name)} {word} {row.kind.__name__} -> {row.name}'
+            options.append(f'{head}: {row.description} (default: {default})')
+    return '\n'.join(options)
 
 
 def _refuse_idle(
@@ -127,9 +102,10 @@ def _option(name: str) -> str:
 
 def _read_estimator(options: argparse.Namespace) -> dict[str, Any]:
     """Return the parameters that options set; ConfigError if --contact is not a contact."""
-    names = [name for name, _, _ in _OF_ARM.values()] + [row.name for row in _offered()]
-    values = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
-    if options.contact is not None:
+    names = [*_OF_ARM, *(row.name for row in _offered())]
+    given = {name: getattr(options, name) for name in names}
+    values = {name: value for name, value in given.items() if value not in (None, [])}
+    if options.contact:
         contact, *places = options.contact
         if contact not in CONTACTS:
             raise ConfigError(f'--contact is {contact}, expected one of {", ".join(CONTACTS)}')
@@ -318,7 +294,23 @@ cannot be written, 130 interrupted
 """
 
 
-_TOPICS = f"""\
+def _topic_options() -> str:
+    """Return the options of the topics of measurements."""
+    options = []
+    for name, row in MEASUREMENT_TOPICS.items():
+        word = 'TOPIC[:FIELD]' if name in (DISPLACEMENTS, MARKERS) else 'TOPIC'
+        head = f'{_option(name.rsplit("/", 1)[-1])} {word} -> {name}'
+        options.append(f'{head}: topic to use instead of {name} ({row.type_name})')
+    return '\n'.join(options)
+
+
+OPTIONS = f"""\
+bag BAG path: rosbag2 folder, .mcap, .db3 or .csv file, which is not changed
+{arguments.OF_BAG}
+--smooth: estimate each time from the whole recording instead of earlier measurements only
+[topics] by default topics of the names above, in any namespace; - for none
+--tensions TOPIC[:FIELD]: tensions, or any numeric field of any topic
+{_topic_options()}
 --midlines TOPIC: midlines of a camera to compare with: nav_msgs/Path, PoseArray, or tips (default:
     camera/midline)
 {arguments.TENDONS}
@@ -330,38 +322,27 @@ _TOPICS = f"""\
     such a frame are refused)
 --clock-offset S float: offset added to the stamps of --midlines [s]; by default found from the
     motion
-"""
-_OUTPUT = """\
+[what is unknown]
+--contact C...: {', '.join(CONTACTS)}: what acts on the arm besides its known loads; at S is a
+    force at the arc coordinate S [m], somewhere one at S ..., or, without these, at five even
+    steps (default: tip)
+--modulus-stddev PART float -> material.youngs_modulus_stddev: standard deviation of E over E [-];
+    0 if E is known (default: that of the arm)
+{_parameter_options(of_sensors=False)}
+[how exact sensors are]
+--tension-stddev N float: standard deviation of the tensions [N] (default: tension_stddev of the
+    arm, or else that of the recording)
+{_parameter_options(of_sensors=True)}
+[output] besides the summary
 --out OUT path: new bag to write, with the topics of BAG and those of octo_arm_estimator
 --rate HZ = 10.0: largest number of estimates per second in OUT; 0 for all
 --no-copy: write only the estimates to OUT
 --csv DIR path: folder for estimate.csv and innovations.csv
 --plot PNG path: picture of force and tip with their bands of 95 percent
+[]
+{arguments.STORAGE}
+{arguments.JSON}
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    bag = 'rosbag2 folder, .mcap, .db3 or .csv file, which is not changed'
-    arguments.add(parser, f'bag BAG path: {bag}')
-    arguments.add_config_option(parser, None, 'the arm_description in the bag')
-    text = 'estimate each time from the whole recording instead of earlier measurements only'
-    arguments.add(parser, f'--smooth: {text}')
-    topics = parser.add_argument_group(
-        'topics', 'by default topics of the names above, in any namespace; - for none'
-    )
-    arguments.add(topics, '--tensions TOPIC[:FIELD]: tensions, or any numeric field of any topic')
-    for name, row in MEASUREMENT_TOPICS.items():
-        topics.add_argument(
-            f'--{name.rsplit("/", 1)[-1].replace("_", "-")}',
-            dest=name,
-            metavar='TOPIC[:FIELD]' if name in (DISPLACEMENTS, MARKERS) else 'TOPIC',
-            help=f'topic to use instead of {name} ({row.type_name})',
-        )
-    arguments.add(topics, _TOPICS)
-    _add_estimator(parser)
-    arguments.add(parser.add_argument_group('output', 'besides the summary'), _OUTPUT)
-    arguments.add(parser, f'{arguments.STORAGE}\n{arguments.JSON}')
 
 
 def run(options: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 
 from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, writing
-from octo_arm_model.cli.recordings import ALL, RECORDINGS, add_recording, of_each, read_options
+from octo_arm_model.cli.recordings import ALL, RECORDINGS, of_each, read_options, recording_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment import identification
 from octo_arm_model.experiment.compare import compare, write_tables
@@ -161,7 +161,9 @@ smaller misfit at left-out loads is chosen.
 )
 
 
-_OPTIONS = f"""\
+OPTIONS = f"""\
+{recording_options('all')}
+--fit NAME... {arguments.choice(FITS)}: parameters to fit (default: youngs_modulus)
 --loss {arguments.choice((AUTO, *LOSSES))}: loss to minimise: soft_l1 bounds the influence of
     outliers, linear is least squares (default: the better one at left-out loads)
 --out CONFIG path: ROS parameter file of the fitted arm to write
@@ -171,20 +173,6 @@ _OPTIONS = f"""\
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    add_recording(parser, 'all')
-    parser.add_argument(
-        '--fit',
-        nargs='+',
-        choices=FITS,
-        default=['youngs_modulus'],
-        metavar='NAME',
-        help='parameters to fit (default: youngs_modulus)',
-    )
-    arguments.add(parser, _OPTIONS)
-
-
 def run(options: argparse.Namespace) -> int:
     """Fit the models; print and write the best one. Return 1 if the data determine nothing."""
     # Folders come first, so that a path given as both a folder and a file is refused.
@@ -192,7 +180,7 @@ def run(options: argparse.Namespace) -> int:
     check_out(options, '--csv', folder=True)
     check_out(options, '--out', folder=False)
     recording, observations, models, alignment, notes, trajectory = read_options(options, [ALL])
-    fits = list(dict.fromkeys(options.fit))
+    fits = list(dict.fromkeys(options.fit or ['youngs_modulus']))
     if alignment is None and 'alignment' not in fits:
         fits.append('alignment')
 

@@ -29,7 +29,8 @@ EPILOG = ''
 _HIGHEST = """\
 for each tendon the least tension that compresses the cross section at its anchorage by 30 percent,
     bends the arm by two turns, or is 30 percent of that which folds it"""
-_OPTIONS = f"""\
+OPTIONS = f"""\
+{arguments.ARM}
 --tip X Y Z float: tip in base_frame [m]
 --quaternion X Y Z W float: orientation of the tip as well, its x axis along the arm
 --bend PLANE ANGLE float: instead of --tip: turn the tip by ANGLE degrees in the plane at PLANE
@@ -39,12 +40,6 @@ _OPTIONS = f"""\
 {arguments.highest(_HIGHEST)}
 {arguments.JSON}
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add_config(parser)
-    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -33,16 +33,11 @@ examples:
 _OTHERS = (*SIMULATOR_PARAMETERS, *ESTIMATOR_PARAMETERS)
 
 
-_OPTIONS = f"""\
+OPTIONS = f"""\
 {arguments.CONFIG}
 --node NAME = /octo_arm: the node, with its namespace
 --wait S = 10.0: how long to wait for the node and for each answer [s]
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -8,6 +8,7 @@ from types import ModuleType
 
 from octo_arm_model.arm.errors import OctoArmError, SolveError
 from octo_arm_model.cli import (
+    arguments,
     compare,
     estimate,
     identify,
@@ -27,7 +28,7 @@ from octo_arm_model.terminal import fail, make_parser, missing, on_signals, pipe
 
 _SMALL = re.compile(r'-[0-9.]+[eE]')
 # Each module has the name of its command, SUMMARY for the list of commands, DESCRIPTION and EPILOG
-# for its help, add_options(parser), and run(options), which returns the exit status or None for 0.
+# for its help, OPTIONS for `add`, and run(options), which returns the exit status or None for 0.
 _COMMANDS: tuple[ModuleType, ...] = (
     solve,
     compare,
@@ -85,11 +86,11 @@ def build_parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         command_parser.set_defaults(run=command.run, default_of=command_parser.get_default)
-        command.add_options(command_parser)
+        arguments.add(command_parser, command.OPTIONS)
     return parser
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     received: list[int] = []
 
@@ -99,13 +100,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     # Every signal that ends the program interrupts it, so that it removes unfinished output.
     with on_signals(interrupt, _SAME_SIGNAL):
-        status = _run(arguments)
+        status = _run(words)
     return 128 + received[0] if received else status
 
 
-def _run(arguments: Sequence[str] | None) -> int:
+def _run(words: Sequence[str] | None) -> int:
     try:
-        words = sys.argv[1:] if arguments is None else arguments
+        words = sys.argv[1:] if words is None else words
         # For argparse -1e-5 is an option, but not after a blank.
         words = [f' {word}' if _SMALL.match(word) else word for word in words]
         options = build_parser().parse_args(words)

@@ -29,18 +29,13 @@ exit status: 0 done, 1 no stable equilibrium, 2 the input is wrong
 """
 
 
-_OPTIONS = f"""\
+OPTIONS = f"""\
+{arguments.MOVING_ARM}
 {arguments.tensions('all others, or all, are slack')}
 --count N = 6: number of modes, the slowest first
 --plot PNG path: picture of the shapes; needs matplotlib
 {arguments.JSON}: frequencies, damping ratios and shapes
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add_moving_arm(parser)
-    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

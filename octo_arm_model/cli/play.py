@@ -39,11 +39,10 @@ _OF_PLAYING = '--loop', '--hold', '--topic', '--wait'
 _OF_ONE = '--highest', '--speed', '--rate', '--csv', '--plot'
 
 
-_FIRST = """\
+OPTIONS = f"""\
 profile PROFILE?: movement of --list, or a CSV or YAML file
 --list: list the movements of the arm
-"""
-_OPTIONS = f"""\
+--config CONFIG = renda2012_table4: {arguments.ARM_FILE}
 {arguments.highest('what the arm bears', ' of rotating, ramps, steps and sweeps')}
 --speed SPEED = 1.0: factor on the speed of the profile
 --loop: repeat the profile until Ctrl-C
@@ -54,13 +53,6 @@ _OPTIONS = f"""\
 --csv CSV path: write the profile to this table instead
 --plot PNG path: draw the profile instead; needs matplotlib
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add(parser, _FIRST)
-    arguments.add_config_option(parser, 'renda2012_table4')
-    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -44,7 +44,10 @@ exit status: 0 done, 2 the input is wrong or OUT cannot be written, 130 interrup
 """
 
 
-_OPTIONS = f"""\
+OPTIONS = f"""\
+out OUT path: new bag to write
+--config CONFIG = renda2012_prototype: {arguments.ARM_FILE}; tensions are scaled to what the arm
+    bears
 --stiffness RATIO float: true Young's modulus over that of the config (default: 1.1; 1 with
     --touch)
 --clock-offset S = 0.08: how far the camera's clock is ahead [s]
@@ -56,14 +59,6 @@ _OPTIONS = f"""\
 --seed SEED = 0: seed of all random numbers
 {arguments.STORAGE}
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add(parser, 'out OUT path: new bag to write')
-    more = '; tensions are scaled to what the arm bears'
-    arguments.add_config_option(parser, 'renda2012_prototype', more=more)
-    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

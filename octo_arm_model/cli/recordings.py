@@ -62,7 +62,7 @@ COLUMNS = """\
     constant (tendon_1_2=0); or a YAML file of such pairs; tension:NAME, midline:NAME or
     displacement:NAME for one of the files; units are those in the header, as "force [mN]"
 """
-_POINTS = f"""\
+_SOURCES = f"""\
 --midlines TOPIC[:FIELD]...: measured midlines (nav_msgs/Path, geometry_msgs/PoseArray) or tips
     (geometry_msgs/PoseStamped, PointStamped, TransformStamped), sensor_msgs/PointCloud2, or any
     field of points or poses of any message; by default the only such topic; with --marker-s one
@@ -84,8 +84,7 @@ _POINTS = f"""\
 {arguments.TENDONS}
 --align A...: pose of the camera in base_frame: 'fit', 'none' if it measures in base_frame, or X Y
     Z QX QY QZ QW (default: 'none' if the midlines are in base_frame, else 'fit')
-"""
-_TABLES = f"""\
+[CSV files] instead of topics; BAG is left out if midlines and readings are in CSV files
 --tension-csv CSV path: tensions: time [s] and a column for each tendon [N]
 --midline-csv CSV path: midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ...
     [m]
@@ -93,8 +92,8 @@ _TABLES = f"""\
     [m]
 --pose-csv CSV path: a table of static poses: each row has tensions or encoders, and the measured
     points; a time is optional
-{COLUMNS}"""
-_PAIRING = f"""\
+{COLUMNS}
+[pairing of frames and tensions]
 --tolerance S = 0.1: tolerance of stamps [s]: a frame needs a sample of tensions within this time,
     and must lie at least that far inside its steady step
 --clock-offset S float: offset added to the stamps of frames [s]; by default found from the motion
@@ -104,40 +103,26 @@ _PAIRING = f"""\
     most 5 percent of the highest)
 --hold S = 1.0: least duration of a steady step [s]
 {arguments.DYNAMIC_STEP}
+(
+{arguments.DYNAMIC}
+--ramp N? float: tensions change slowly instead of in steps, and the arm is always in equilibrium:
+    each window spans N newtons (default: 5 percent of the highest tension, or eight times the
+    noise)
+--poses: each row of tensions is a static pose, as in a table of poses
+)
 --settle S = 0.5: time from the start of a step until the arm is at rest [s]
+[]
 """
 
 
-def add_recording(parser: argparse.ArgumentParser, default: str = 'that of the config') -> None:
-    """Add the bag and the options to read it; the help of --model names the ``default``."""
-    bag = 'rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips'
-    arguments.add(parser, f'bag BAG? path: {bag}')
-    arguments.add_config_option(parser, None, 'the arm_description in the bag')
-    parser.add_argument(
-        '--model',
-        nargs='+',
-        choices=(*MODELS, ALL),
-        metavar='MODEL',
-        help=f'models: {", ".join(MODELS)} or {ALL} (default: {default})',
-    )
-    arguments.add(parser, _POINTS)
-    text = 'instead of topics; BAG is left out if midlines and readings are in CSV files'
-    arguments.add(parser.add_argument_group('CSV files', text), _TABLES)
-    pairing = parser.add_argument_group('pairing of frames and tensions')
-    arguments.add(pairing, _PAIRING)
-    kind = pairing.add_mutually_exclusive_group()
-    arguments.add(kind, arguments.DYNAMIC)
-    kind.add_argument(
-        '--ramp',
-        nargs='?',
-        type=float,
-        const=True,
-        metavar='N',
-        help='tensions change slowly instead of in steps, and the arm is always in equilibrium: '
-        'each window spans N newtons (default: 5 percent of the highest tension, or eight times '
-        'the noise)',
-    )
-    arguments.add(kind, '--poses: each row of tensions is a static pose, as in a table of poses')
+def recording_options(default: str) -> str:
+    """Return the bag and the options to read it; the help of --model names the ``default``."""
+    return f"""\
+bag BAG? path: rosbag2 folder, .mcap or .db3 file with tensions and measured midlines or tips
+{arguments.OF_BAG}
+--model MODEL... {arguments.choice((*MODELS, ALL))}: models: {', '.join(MODELS)} or {ALL} (default:
+    {default})
+{_SOURCES}"""
 
 
 def _read_files(options: argparse.Namespace) -> CsvSources:

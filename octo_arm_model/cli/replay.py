@@ -51,11 +51,10 @@ no tensions, none for this arm) or OUT cannot be written, 130 interrupted
 """
 
 
-_BAGS = """\
+OPTIONS = f"""\
 bag IN path: bag with tensions, or a table of tensions whose name ends in .csv
 out OUT path: new bag to write
-"""
-_OPTIONS = f"""\
+{arguments.OF_BAG}
 {arguments.MODEL}
 {arguments.DYNAMIC}
 {arguments.DYNAMIC_STEP}
@@ -73,13 +72,6 @@ _OPTIONS = f"""\
 {arguments.STORAGE}
 --json: print one JSON object
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add(parser, _BAGS)
-    arguments.add_config_option(parser, None, 'the arm_description in the bag')
-    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

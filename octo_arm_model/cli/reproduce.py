@@ -3,7 +3,6 @@
 import argparse
 import sys
 
-from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar, check_out, writing
 from octo_arm_model.reproduce.claims import CLAIMS
 
@@ -21,9 +20,7 @@ exit status: 0 all claims hold for the paper's own model, 1 one does not, 2 the 
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add(parser, 'outdir OUTDIR path: folder for the page')
+OPTIONS = 'outdir OUTDIR path: folder for the page'
 
 
 def run(options: argparse.Namespace) -> int:

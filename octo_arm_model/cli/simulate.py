@@ -41,7 +41,8 @@ wrong or a file cannot be written, 130 interrupted
 """
 
 
-_OPTIONS = f"""\
+OPTIONS = f"""\
+{arguments.MOVING_ARM}
 profile PROFILE: movement of octo-arm play --list, or a CSV or YAML file
 {arguments.highest('what the arm bears', ' of rotating, ramps, steps and sweeps')}
 --step S = {STEP}: longest step of the integration [s]
@@ -53,12 +54,6 @@ profile PROFILE: movement of octo-arm play --list, or a CSV or YAML file
 --animate GIF path: moving picture to write; needs matplotlib
 {arguments.STORAGE}
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add_moving_arm(parser)
-    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

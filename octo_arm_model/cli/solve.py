@@ -67,18 +67,13 @@ EPILOG = ''
 _NAMED = 'tendon_1_1=0.02'
 
 
-_OPTIONS = f"""\
+OPTIONS = f"""\
+{arguments.ARM}
 {arguments.tensions('all others are slack')}
 --displacements LENGTHS: lengths that winches have reeled in [m], by name of the tendon, e.g.
     {_NAMED}, or as JSON; --tensions are by name then, of tendons driven by tension
 {arguments.JSON}
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add_config(parser)
-    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> None:

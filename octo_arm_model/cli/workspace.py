@@ -34,7 +34,8 @@ _COMPRESSION = 0.1  # largest compression by one tendon of the section at its an
 _HIGHEST = """\
 for each tendon the least tension that alone compresses the section at its anchorage by 10 percent,
     bends the arm by two turns, or is 10 percent of that which folds it"""
-_OPTIONS = f"""\
+OPTIONS = f"""\
+{arguments.ARM}
 {arguments.highest(_HIGHEST)}
 --samples N = 4096: number of sets of tensions, at best a power of two
 --seed N = 0: seed of the sets of tensions
@@ -45,12 +46,6 @@ _OPTIONS = f"""\
 {arguments.JSON}: highest, seed, refused, and of each set with an answer its tensions, tip and
     direction
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of this command to a ``parser``."""
-    arguments.add_config(parser)
-    arguments.add(parser, _OPTIONS)
 
 
 def run(options: argparse.Namespace) -> int:
