@@ -17,17 +17,15 @@ from octo_arm_model.rod.displacements import Wound, wound_sensitivity
 from octo_arm_model.rod.sensitivity import Change, Sensitivity
 from octo_arm_model.rod.solver import Solver
 
-# Unknowns with exact derivatives; all others are left to differences.
-_EXACT = (
-    'youngs_modulus',
-    'poisson_ratio',
-    SHEATH,
-    'tension_scale',
-    'tension_offset',
-    SPOOL,
-    AXIAL,
-)
-_OF_TENDONS = (OFFSET, ZERO)  # prefixes of such unknowns of single tendons
+# Names, or their prefixes, of unknowns with exact derivatives: parameters of the arm, with their
+# sensitivities, and what changes the inputs of tendons. All others are left to differences.
+_BY_PARAMETER = {
+    'youngs_modulus': 'by_youngs_modulus',
+    'poisson_ratio': 'by_poisson_ratio',
+    SHEATH: 'by_sheath_stiffness',
+    OFFSET: 'by_offset',
+}
+_OF_TENDONS = ('tension_scale', 'tension_offset', SPOOL, AXIAL, ZERO)
 _STEP = 1e-4  # step of differences of what acts on tendons, over the scale of an unknown
 
 
@@ -54,12 +52,12 @@ def shape_changes(
     Raises:
         OctoArmError: if an equilibrium has no sensitivities.
     """
+    arm, exact = solver.arm, (*_BY_PARAMETER, *_OF_TENDONS)
     rates = {
         one.name: _input_rates(unknowns, x, number)
         for number, one in enumerate(unknowns.unknowns)
-        if one.name in _EXACT or one.name.startswith(_OF_TENDONS)
+        if one.name.startswith(exact)
     }
-    arm = solver.arm
     if arm.friction or not rates:
         return {}
     stretching = arm.stretching_lengths(solver.rest_lengths.ravel())
@@ -75,17 +73,17 @@ def shape_changes(
             # At constant shape and tensions, tendons stretch, and unloaded lengths change.
             reeled_in, rate = np.zeros(stretching.size), rates[name][step]
             if name == AXIAL:
-                softness = 1.0 / unknowns.unknown(name).reference
+                softness = 1.0 / unknowns.unknowns[unknowns.names.index(name)].reference
                 reeled_in = softness * stretching * backbone.tensions.ravel()
                 rate = rate - reeled_in * unknowns.readings.are_lengths
-            elif name.startswith(OFFSET) and unknowns.reads_encoders:
-                reeled_in = solver.displacements_by_offset(backbone) * _at_tendon(arm, name)
             parts = [(by_input, rate), *_by_parameter(arm, held, name, unknowns, x)]
-            position = sum(change.pose[:, :3] @ weights for change, weights in parts)
+            if name.startswith(OFFSET) and unknowns.reads_encoders:
+                reeled_in = solver.displacements_by_offset(backbone) * parts[-1][1]
+            position = sum(change.pose[:, :3] @ by for change, by in parts)
             lengths = None
             if unknowns.reads_encoders:
                 lengths = reeled_in + arm.stretched(stretching * rate)
-                lengths -= sum(change.tendon_length @ weights for change, weights in parts)
+                lengths -= sum(change.tendon_length @ by for change, by in parts)
             changes.append(ShapeChange(position, lengths))
     return found
 
@@ -98,23 +96,14 @@ def _input_rates(unknowns: Unknowns, x: FloatArray, number: int) -> FloatArray:
     return np.nan_to_num(rise / (2.0 * move[number]))  # NaN of tendons without an encoder
 
 
-def _at_tendon(arm: Arm, name: str) -> FloatArray:
-    """Return 1 at the tendon of an unknown ``name`` with the prefix `OFFSET`, else 0."""
-    return np.array([name == f'{OFFSET}{tendon}' for tendon in arm.tendon_names], dtype=float)
-
-
 def _by_parameter(
     arm: Arm, held: Sensitivity, name: str, unknowns: Unknowns, x: FloatArray
 ) -> list[tuple[Change, FloatArray]]:
-    """Return the changes by parameters of the ``arm``, with those per unit of an unknown."""
-    change, weights = None, np.ones(1)
-    if name == 'youngs_modulus':
-        change = held.by_youngs_modulus
-    elif name == 'poisson_ratio':
-        change = held.by_poisson_ratio
-    elif name == SHEATH:
-        change = held.by_sheath_stiffness
-        weights = np.full(len(arm.tendons), unknowns.value(x, SHEATH, 0.0))
+    """Return the change by a parameter of the ``arm``, and that of it per unit of an unknown."""
+    weights = np.ones(1)
+    if name == SHEATH:
+        weights = np.full(len(arm.tendons), unknowns.values(x)[SHEATH])
     elif name.startswith(OFFSET):
-        change, weights = held.by_offset, _at_tendon(arm, name)
-    return [] if change is None else [(change, weights)]
+        weights = np.array([name == f'{OFFSET}{tendon}' for tendon in arm.tendon_names], float)
+    sensitivities = [by for kind, by in _BY_PARAMETER.items() if name.startswith(kind)]
+    return [(getattr(held, by), weights) for by in sensitivities]

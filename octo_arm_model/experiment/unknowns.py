@@ -392,20 +392,14 @@ class Unknowns:
         """The least and the largest values of x."""
         return [one.low for one in self.unknowns], [one.high for one in self.unknowns]
 
-    def unknown(self, name: str) -> Unknown:
-        """Return the unknown of this ``name``."""
-        return self.unknowns[self.names.index(name)]
-
-    def value(self, x: FloatArray, name: str, default: float) -> float:
-        """Return the value of the unknown ``name`` at ``x``, or ``default`` if it is not one."""
-        if name not in self.names:
-            return default
-        return self.unknown(name).value(float(x[self.names.index(name)]))
+    def values(self, x: FloatArray) -> dict[str, float]:
+        """Return the values of the unknowns at ``x`` by name."""
+        return {one.name: one.value(at) for one, at in zip(self.unknowns, x.tolist(), strict=True)}
 
     def alignment(self, x: FloatArray) -> Alignment:
         """Return the transform camera to base at ``x``."""
-        begun = [*self._alignment.shift, *self._alignment.turn]
-        parts = [self.value(x, name, one) for name, one in zip(ALIGNMENT, begun, strict=True)]
+        begun, found = (*self._alignment.shift, *self._alignment.turn), self.values(x)
+        parts = [found.get(name, one) for name, one in zip(ALIGNMENT, begun, strict=True)]
         return Alignment(np.array(parts[3:]), np.array(parts[:3]))
 
     def inputs(self, x: FloatArray) -> FloatArray:
@@ -418,16 +412,15 @@ class Unknowns:
         if self.readings.are_lengths:
             begun = self.readings.displacements - self._encoder_offset
             return self._spool(x) * begun + self._encoder_offset - self._zeros(x)
-        scale, offset = self.value(x, 'tension_scale', 1.0), self.value(x, 'tension_offset', 0.0)
+        scale, offset = self._cell_changes(x)
         return np.maximum(scale * read + offset * (read > self.slack), 0.0)
 
     def parameters(self, x: FloatArray) -> dict[str, Any]:
         """Return the parameters of the arm, its load cells and its encoders at ``x``."""
-        found = {one.name: self.value(x, one.name, 0.0) for one in self.unknowns}
+        found = self.values(x)
         values, count = dict(self._parameters), len(self.arm.tendons)
-        scale, offset = found.get('tension_scale', 1.0), found.get('tension_offset', 0.0)
-        if (scale, offset) != (1.0, 0.0):
-            values |= self._load_cells(x, scale, offset)
+        if self._cell_changes(x) != (1.0, 0.0):
+            values |= self._load_cells(x)
         if (young := found.get('youngs_modulus')) is not None:
             # A modulus that varies along the arm and a given stiffness get the same factor.
             factor = young / float(self.arm.material.youngs_modulus_at(0.0))
@@ -473,9 +466,14 @@ class Unknowns:
         moved = {name: found.get(f'{OFFSET}{name}', 0.0) for name in self.arm.tendon_names}
         return move_tendons(values, self.arm, moved) if any(moved.values()) else values
 
-    def _load_cells(self, x: FloatArray, scale: float, offset: float) -> dict[str, Any]:
+    def _cell_changes(self, x: FloatArray) -> tuple[float, float]:
+        """Return scale [-] and offset [N] of the tensions at ``x`` over the readings."""
+        found = self.values(x)
+        return found.get('tension_scale', 1.0), found.get('tension_offset', 0.0)
+
+    def _load_cells(self, x: FloatArray) -> dict[str, Any]:
         """Return the parameters of load cells that give the tensions `inputs` at ``x``."""
-        cells, count = self._cells, len(self.arm.tendons)
+        cells, count, (scale, offset) = self._cells, len(self.arm.tendons), self._cell_changes(x)
         # Slack tendons have no offset: what they read, 0 unless said, is within the deadband.
         band = scale * max(cells.deadband, float(self.slack) if offset else 0.0)
         is_read = (self.readings.tensions > self.slack)[:, self._pulled]
@@ -508,4 +506,5 @@ class Unknowns:
 
     def _zeros(self, x: FloatArray) -> FloatArray:
         """Return the encoder readings of the taut unloaded arm, (tendons,) [m]."""
-        return np.array([self.value(x, f'{ZERO}{name}', 0.0) for name in self.arm.tendon_names])
+        found = self.values(x)
+        return np.array([found.get(f'{ZERO}{name}', 0.0) for name in self.arm.tendon_names])
