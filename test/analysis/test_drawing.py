@@ -19,7 +19,6 @@ from octo_arm_model.analysis.drawing import (
     UncertaintyDrawing,
     deepest_overlap,
 )
-from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.rod.rotations import axes_of
 
 CONFIG = load_config('renda2012_prototype')
@@ -181,26 +180,3 @@ def test_depth_of_overlap_of_crossing_parts(distance, angle, seed):
     assert overlap.depth == pytest.approx(depth, abs=1e-9)
     ends = 0.2, s[-1] - 0.2
     assert_allclose(overlap.s, ends, atol=1e-6)
-
-
-def test_overlap_of_a_cone_uses_the_local_radii():
-    position = arc(0.05, 2.0 * np.pi)
-    radius = np.linspace(0.02, 0.004, len(position))
-    overlap, _ = overlap_of(position, radius)
-    assert overlap.depth == pytest.approx(0.024, rel=1e-6)
-
-
-def test_coiled_arm_overlaps_and_the_fetching_arm_does_not():
-    config = load_config('renda2012_table4')
-    solver = config.solver()
-    radius = config.arm.body.radius(solver.grid.s)
-    coiled = np.zeros((3, 4))
-    coiled[2, 2] = 13.0
-    coiled[1, 2] = 4.0
-    coiled[0, 2] = 0.42
-    shapes = [solver.solve(tensions) for tensions in (np.zeros((3, 4)), coiled)]
-    straight, curled = (deepest_overlap(b.s, b.position, radius) for b in shapes)
-    assert straight is None
-    assert 0.0 < curled.s[0] < curled.s[1] <= config.arm.length
-    fetching = solver.solve(FETCHING_IN_PLANE)
-    assert deepest_overlap(fetching.s, fetching.position, radius) is None

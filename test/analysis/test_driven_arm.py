@@ -127,24 +127,6 @@ def test_tip_covariance_includes_encoder_accuracy(prototype):
     assert not answer.covariance.any()
 
 
-def test_changed_friction_resets_the_history_and_keeps_tensions(frictional):
-    arm = DrivenArm()
-    first = frictional.arm.tendon_names[0]
-    arm.answer(frictional.solver(), frictional, None, 0, tensions=HIGH)
-    new = dataclasses.replace(
-        frictional, arm=dataclasses.replace(frictional.arm, friction=4 * (0.2,))
-    )
-    notes = arm.change_config(frictional, new)
-    assert notes == [
-        'friction history forgotten: arm, model, base, loads or stations have changed'
-    ]
-    shape = arm.answer(new.solver(), new, None, 1, displacements={first: 0.01}).backbone
-    wound = solve_displacements(
-        new.solver(), {first: 0.01}, dict(zip(new.arm.tendon_names[1:], HIGH[0, 1:].tolist()))
-    )
-    assert_allclose(shape.position, wound.backbone.position, rtol=0.0, atol=1e-9)
-
-
 def test_values_of_removed_tendons_are_dropped(prototype):
     config = dataclasses.replace(prototype, model='exact')
     first, *rest = config.arm.tendon_names

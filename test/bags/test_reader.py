@@ -3,7 +3,6 @@
 import re
 import sqlite3
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -74,60 +73,33 @@ def test_a_bag_by_the_writer_of_mcap_is_read(tmp_path):
 def old_bag(path: Path, version: int, type_name: str = TENDON_TENSIONS) -> np.ndarray:
     """A bag of sqlite3 as the recorders of Foxy (4) to Jazzy (9) left it; returns the tensions."""
     tensions = random_tensions(ARM, 6)
-    path.mkdir()
-    data = sqlite3.connect(path / 'bag_0.db3')
-    qos = '- history: 3\n  depth: 0\n  reliability: 1\n  durability: 2\n  ' + ''.join(
-        f'{name}:\n    sec: 9223372036\n    nsec: 854775807\n  '
-        for name in ('deadline', 'lifespan', 'liveliness_lease_duration')
-    )
-    qos += 'liveliness: 1\n  avoid_ros_namespace_conventions: false'
-    data.execute(
-        'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, '
-        'serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL)'
-    )
-    data.execute(
-        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, '
-        'timestamp INTEGER NOT NULL, data BLOB NOT NULL)'
-    )
-    data.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
-    data.execute('INSERT INTO topics VALUES(1, "/tendon_tensions", ?, "cdr", ?)', (type_name, qos))
-    for one in samples(ARM, tensions):
-        data.execute(
-            'INSERT INTO messages(topic_id, timestamp, data) VALUES(1, ?, ?)',
-            (one.received_ns, one.data),
-        )
+    write_bag(path, samples(ARM, tensions), 'sqlite3')
+    names = 'deadline', 'lifespan', 'liveliness_lease_duration'
+    qos = {name: {'sec': 9223372036, 'nsec': 854775807} for name in names}
+    qos |= {'history': 3, 'depth': 0, 'reliability': 1, 'durability': 2, 'liveliness': 1}
+    text = yaml.safe_dump([qos | {'avoid_ros_namespace_conventions': False}])
+    data = sqlite3.connect(path / f'{path.name}.db3')
+    for table in ('schema', 'metadata', 'message_definitions'):
+        data.execute(f'DROP TABLE {table}')
+    data.execute('ALTER TABLE topics DROP COLUMN type_description_hash')
+    data.execute('UPDATE topics SET type=?, offered_qos_profiles=?', (type_name, text))
     data.commit()
     data.close()
-    file = {
-        'starting_time': {'nanoseconds_since_epoch': START},
-        'duration': {'nanoseconds': 5 * STEP},
-        'message_count': 6,
-    }
-    topic = {
-        'name': '/tendon_tensions',
-        'type': type_name,
-        'serialization_format': 'cdr',
-        'offered_qos_profiles': qos if version < 9 else yaml.safe_load(qos),
-    }
-    information: dict[str, Any] = {
-        'version': version,
-        'storage_identifier': 'sqlite3',
-        'relative_file_paths': ['bag_0.db3'],
-        **file,
-        'topics_with_message_count': [{'topic_metadata': topic, 'message_count': 6}],
-        'compression_format': '',
-        'compression_mode': '',
-    }
-    if version >= 5:
-        information['files'] = [{'path': 'bag_0.db3', **file}]
-    if version >= 6:
-        information['custom_data'] = {'operator': 'somebody'}
-    if version >= 7:
-        topic['type_description_hash'] = ''
-    if version >= 8:
-        information['ros_distro'] = 'rolling'
-    content = yaml.safe_dump({'rosbag2_bagfile_information': information})
-    (path / 'metadata.yaml').write_text(content)
+    file = path / 'metadata.yaml'
+    whole = yaml.safe_load(file.read_text())
+    about = whole['rosbag2_bagfile_information']
+    about |= {'version': version, 'custom_data': {'operator': 'somebody'}}
+    topic = about['topics_with_message_count'][0]['topic_metadata']
+    topic |= {'type': type_name, 'offered_qos_profiles': text if version < 9 else [qos]}
+    for since, part, name in (
+        (5, about, 'files'),
+        (6, about, 'custom_data'),
+        (7, topic, 'type_description_hash'),
+        (8, about, 'ros_distro'),
+    ):
+        if version < since:
+            del part[name]
+    file.write_text(yaml.safe_dump(whole))
     return tensions
 
 
@@ -143,11 +115,11 @@ def test_bags_of_every_version_are_read_without_definitions(tmp_path, version):
 def test_a_file_out_of_a_bag_is_read_alone(tmp_path):
     tensions = old_bag(tmp_path / 'old', 5)
     (tmp_path / 'old' / 'metadata.yaml').unlink()
-    for path in (tmp_path / 'old' / 'bag_0.db3', tmp_path / 'old'):
+    for path in (tmp_path / 'old' / 'old.db3', tmp_path / 'old'):
         assert_array_equal([one.tensions for one in readings_of(path)], tensions)
     with BagReader(tmp_path / 'old') as reader:
         assert '1 file(s) are read' in reader.notes[0] and 'ros2 bag reindex' in reader.notes[0]
-    (tmp_path / 'old' / 'bag_0.db3').unlink()
+    (tmp_path / 'old' / 'old.db3').unlink()
     with pytest.raises(BagError, match=r'neither metadata\.yaml nor \.mcap or \.db3'):
         BagReader(tmp_path / 'old')
 

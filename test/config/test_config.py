@@ -19,13 +19,7 @@ from octo_arm_model import (
     load_config,
 )
 from octo_arm_model.arm.errors import ContinuationError
-from octo_arm_model.config.parameter import read_table
-from octo_arm_model.config.parameter_files import (
-    load_parameters,
-    parameters_as_yaml,
-    parse_parameters,
-    preset_path,
-)
+from octo_arm_model.config.parameter_files import parameters_as_yaml, parse_parameters, preset_path
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.simulation.simulator import PARAMETERS as SIMULATOR_PARAMETERS
 
@@ -183,11 +177,7 @@ def test_error_of_a_missing_parameter_has_type_and_meaning(tmp_path, name):
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
-        (
-            'stations: 101',
-            'solve_budget.iterations: 0',
-            'solve budget: iterations is 0, expected a number > 0',
-        ),
+        ('stations: 101', 'solve_budget.iterations: 0', 'solve budget: iterations is 0, expected'),
         (
             'youngs_modulus:',
             'young_modulus:',
@@ -208,21 +198,13 @@ def test_error_of_a_missing_parameter_has_type_and_meaning(tmp_path, name):
         ('length: 0.45', 'length:', 'body.length has no value'),
         ('length: 0.45', '', 'body.length is missing, expected double'),
         ('length: 0.45', 'length: {m: 1}', 'body.length.m is no parameter of the arm; did you me'),
-        (
-            'anchorage: [0.45, 0.315, 0.135]',
-            'anchorage: 0.45',
-            'sections.anchorage is 0.45, expected double[], as [0.45]',
-        ),
+        ('anchorage: [0.45, 0.315, 0.135]', 'anchorage: 0.45', 'sections.anchorage is 0.45,'),
         (
             'anchorage: [0.45, 0.315, 0.135]',
             'anchorage: [0.45, here, 0.135]',
             "sections.anchorage is [0.45, 'here', 0.135], expected a list of values of one type",
         ),
-        (
-            '    stations: 101',
-            '    markers_rate: 1.0e-11',
-            'markers_rate is 1e-11, expected 0, or at least 1e-06 [Hz]',
-        ),
+        ('    stations: 101', '    markers_rate: 1.0e-11', 'markers_rate is 1e-11, expected 0,'),
     ],
 )
 def test_errors_name_value_and_expectation(tmp_path, old, new, message):
@@ -230,20 +212,6 @@ def test_errors_name_value_and_expectation(tmp_path, old, new, message):
         read(tmp_path, changed(old, new))
     assert str(refusal.value).startswith(f'{tmp_path / "arm.yaml"}: {message}')
     assert isinstance(refusal.value, OctoArmError)
-
-
-@pytest.mark.parametrize(
-    ('name', 'value', 'expected'),
-    [
-        ('sections.anchorage', True, 'double[]'),
-        ('sections.tendons', 4.5, 'integer[]'),
-        ('tension_names', 'a', "string[], as ['a']"),
-    ],
-)
-def test_error_proposes_a_list(name, value, expected):
-    with pytest.raises(ConfigError) as refusal:
-        Config.from_parameters(load_parameters('renda2012_table4') | {name: value})
-    assert str(refusal.value) == f'{name} is {value!r}, expected {expected}'
 
 
 def _doubling(kind: str) -> str:
@@ -370,28 +338,6 @@ def test_written_strings_are_read_unchanged():
         assert f"'{word}'" in text
 
 
-@pytest.mark.parametrize(
-    ('row', 'message'),
-    [
-        ('a | double | 1.0', "'' is not an indented description"),
-        ('a | double | 1.0\nlength of it', "'' is not an indented description"),
-        ('a | double | 1.0\n    length\n  b | double | 2.0', 'is not an indented description'),
-        ('a | double\n    length', "'a . double' is not name . type . default"),
-        ('', "'' is not name"),
-        ('a b | double | 1.0\n    length', "'a b . double . 1.0' is not name"),
-        ('a | number | 1.0\n    length', "'number' is not a type"),
-        ('a | double | 1,0\n    length', r'1,0 is no default: a is \(1, 0\), expected double'),
-        ('a | double | one\n    length', 'one is no default'),
-        ('a | string[] | [1]\n    length', r'\[1\] is no default: .*, expected string\[\]'),
-        ('a | double | 1.0 | > 0 | at most 3\n    length', "'at most 3' is not an option"),
-        ('a | double | 1.0 | > 0 | most many\n    length', "'most many' is not an option"),
-    ],
-)
-def test_malformed_rows_of_the_table_of_parameters_are_refused(row, message):
-    with pytest.raises(ValueError, match=f'^row .* of parameters: .*{message}'):
-        read_table(f'first | double | 0.0\n    length\n{row}\n')
-
-
 @pytest.mark.parametrize('name', ['base_frame', 'frame_prefix', 'tendon_names', 'profile.name'])
 @pytest.mark.parametrize('text', ['a\0b', 'a\ud800b', 'x' * 256])
 def test_invalid_strings_are_refused(name, text):
@@ -426,14 +372,8 @@ def test_invalid_strings_are_refused(name, text):
         ({'base.position': [0.0] * 999}, r'base.position is \(0.0, .*\.\.\., expected 3'),
         # Parameters that build nothing here.
         ({'body.table_radius': [0.01] * 1001}, 'body.table_radius has 1001 values, expected at m'),
-        (
-            {'material.table_youngs_modulus': [NAN]},
-            r'table_youngs_modulus\[0\] is nan, expected a fi',
-        ),
-        (
-            {'material.table_poisson_ratio': [INF]},
-            r'table_poisson_ratio\[0\] is inf, expected a fin',
-        ),
+        ({'material.table_youngs_modulus': [NAN]}, r'table_youngs_modulus\[0\] is nan, expected'),
+        ({'material.table_poisson_ratio': [INF]}, r'table_poisson_ratio\[0\] is inf, expected a'),
         ({'tendons.table_angle': [1e31]}, r'table_angle\[0\] is 1e.31, expected .* at most 1e.'),
         ({'tendons.table_offset': [0.0] * 20_001}, 'tendons.table_offset has 20001 values, expec'),
         (

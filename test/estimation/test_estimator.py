@@ -358,10 +358,6 @@ def good_tip(shape: Backbone, tensions: np.ndarray) -> Measurement:
     return TipPosition(shape.tip + noise(PLACE, 3), PLACE)
 
 
-def bad_tip(shape: Backbone, tensions: np.ndarray) -> Measurement:
-    return TipPosition(shape.tip + [0.0, 0.0, 0.04] + noise(PLACE, 3), PLACE)
-
-
 SOLVER = Solver(RUBBER, 'exact', 31)
 CALM, MOVED = (SOLVER.solve([tensions]) for tensions in (TENSIONS, TENSIONS + JUMP))
 
@@ -406,30 +402,6 @@ def test_restart_after_unexpectedly_fast_motion():
     later = steps(bank, [11], [cells, markers, good_tip], is_moved=True)
     assert_is(later[-1], MOVED)
     assert bank.restarts == 1
-
-
-@pytest.mark.endurance
-def test_one_faulty_sensor_stays_refused_without_restart():
-    bank = tracker()
-    steps(bank, range(4), [cells, markers, good_tip])
-    # Long enough for three restarts.
-    outputs = steps(bank, range(4, 22), [cells, markers, bad_tip])
-    assert bank.restarts == 0
-    # At first a force on the tip may explain its readings.
-    assert bank.consistency['tip position'].refused >= 15
-    assert bank.consistency['markers'].refused == bank.consistency['tensions'].refused == 0
-    assert_is(outputs[-1], CALM)
-    assert_is(steps(bank, range(22, 42), [cells, markers, good_tip])[-1], CALM)
-    assert not bank.refused_since
-
-
-@pytest.mark.endurance
-def test_restart_despite_a_faulty_sensor():
-    bank = tracker()
-    steps(bank, range(4), [cells, markers, good_tip])
-    steps(bank, range(4, 8), [cells, markers, bad_tip])
-    outputs = steps(bank, range(8, 20), [cells, markers, bad_tip], is_moved=True)
-    assert_is(outputs[-1], MOVED)
 
 
 def test_single_sensor_restarts_and_restarts_are_bounded():

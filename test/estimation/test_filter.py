@@ -63,17 +63,6 @@ def test_estimate_from_tensions_equals_the_solver_with_its_covariance():
     assert not estimate.unobserved
 
 
-def test_negative_reading_of_a_slack_tendon_is_accepted():
-    model = rubber(FORCE_AT_TIP)
-    tensions = np.where(TENSIONS == TENSIONS.min(), 0.0, TENSIONS)
-    tip = truth(model, np.zeros(3), tensions).solved.tip
-    readings = np.where(tensions == 0.0, -0.05, tensions)
-    data = [Tensions(readings, 0.05), TipPosition(tip, 1e-3)]
-    estimate = Estimator({'': model}).add(0, data).estimate
-    assert estimate.tensions.min() >= 0.0 and not estimate.refused
-    np.testing.assert_allclose(estimate.backbone.tip, tip, atol=3e-3)
-
-
 _ARM = {
     'material.youngs_modulus': 1.1e5,
     'material.density': 1080.0,

@@ -135,24 +135,6 @@ def test_default_current_gives_the_default_force():
     assert other is not None and other.stddev == 3.0
 
 
-def test_models_use_the_parameters_and_exact():
-    loaded = Config.from_parameters(
-        {
-            **VALUES,
-            'model': 'exact',
-            'stations': 41,
-            'material.density': 1080.0,
-            'loads.gravity': [0.0, 0.0, -9.81],
-            'base.position': [0.1, 0.0, 0.2],
-        }
-    )
-    (model,) = settings(loaded).models(loaded, compiled=False).values()
-    solver = model.solver
-    assert (solver.model, solver.grid.s.size) == ('exact', 41)
-    assert solver.base.position == (0.1, 0.0, 0.2)
-    assert model.loads.gravity == (0.0, 0.0, -9.81)
-
-
 @pytest.mark.parametrize(
     ('values', 'words'),
     [

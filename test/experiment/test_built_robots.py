@@ -70,11 +70,8 @@ def trunk_shapes(turns: Sequence[Sequence[float]]) -> list[np.ndarray]:
     solver, names, found, last = config.solver(), config.arm.tendon_names, [], None
     for angles in turns:
         angle = dict(zip(MOTORS, angles, strict=True))
-        lengths = {
-            name: way * SPOOL * angle[motor]
-            for name, motor, way in zip(names, OF_TENDON, WAYS, strict=True)
-        }
-        last = solve_displacements(solver, lengths, start=last)
+        lengths = [way * SPOOL * angle[motor] for motor, way in zip(OF_TENDON, WAYS)]
+        last = solve_displacements(solver, dict(zip(names, lengths, strict=True)), start=last)
         found.append(interpolated(np.array(MARKER_S), last.backbone.s, last.backbone.position))
     return found
 
@@ -103,9 +100,7 @@ def trunk_bag(path: Path, turns: Sequence[Sequence[float]]) -> Path:
                 write(at, motors(header(at, 'arm_base'), list(MOTORS), read))
                 if step % 2 == 0:
                     seen = points + 1e-4 * rng.standard_normal(points.shape)
-                    several = [
-                        marker(name, point(place), 0.1) for name, place in zip(MARKERS, seen)
-                    ]
+                    several = [marker(*one, 0.1) for one in zip(MARKERS, map(point, seen))]
                     write(at, markers(header(at, 'arm_base'), several[::-1]))
     return path
 
@@ -149,11 +144,8 @@ PER_COUNT = 2.0 * np.pi * SPOOL / COUNTS
 @pytest.fixture(scope='module')
 def poses():
     """Counts of the servo of the first tendon (n,), and tips (n, 3) [m]."""
-    config, rng = (
-        Config.from_parameters({**PARAMETERS, 'model': 'exact'}),
-        np.random.default_rng(1),
-    )
-    solver, counts, tips = config.solver(), [], []
+    solver = Config.from_parameters({**PARAMETERS, 'model': 'exact'}).solver()
+    rng, counts, tips = np.random.default_rng(1), [], []
     for pull in PULLS:
         shape = solver.solve([[pull, 0.0, 0.0, 0.0]])
         counts.append(round(ZERO + displacements_of(solver, shape).flat[0] / PER_COUNT))
@@ -202,12 +194,8 @@ def test_a_table_of_poses_without_time_or_header_is_compared_and_replayed(tmp_pa
     np.savetxt(table, np.column_stack([np.array(PULLS) / GRAM, 1e3 * poses[1]]), '%.6f', ';')
     config = arm_file(tmp_path, {**PARAMETERS, 'tension_scale': [GRAM] * 4})
     columns = '--columns tendon_1_1=#1 tendon_1_2=0 tendon_1_3=0 tendon_1_4=0'
-    errors = tip_errors(
-        cli.json(
-            f'compare --config {config} --pose-csv {table} {columns} x=#2 y=#3 z=#4 '
-            f'--length-unit mm {AS_IT_IS}'
-        )
-    )
+    command = f'compare --config {config} --pose-csv {table} {columns} x=#2 y=#3 z=#4'
+    errors = tip_errors(cli.json(f'{command} --length-unit mm {AS_IT_IS}'))
     assert len(errors) == len(PULLS) and max(errors) < 0.2
     named = tmp_path / 'named.csv'
     named.write_text('l,x_mm,y_mm,z_mm\n' + table.read_text().replace(';', ','))
@@ -252,9 +240,8 @@ def test_a_table_is_estimated_as_a_bag_is(tmp_path, cli, poses):
         f'--tip-position-stddev 1e-3 --tension-stddev 0.05 --csv {tmp_path}/out --json'
     )
     said = cli.json(command)
-    assert said['touches'] == [] and 'points of a table are in base_frame' in ' '.join(
-        said['notes']
-    )
+    assert said['touches'] == []
+    assert 'points of a table are in base_frame' in ' '.join(said['notes'])
     content[:, 4:] = (poses[1] - [0.0, 0.0, 1.0]) * [1, -1, -1]  # from behind
     np.savetxt(table, content, delimiter=',', header=f'{names},x,y,z', comments='')
     behind = cli.json(f'{command} --align 0 0 1 1 0 0 0')
@@ -297,14 +284,10 @@ TRUE = {'bending_stiffness': 0.021, 'rest_curvature_n': -0.9, 'rest_curvature_b'
 def test_a_table_of_a_tube_of_nitinol_tells_how_it_is_bent_at_rest(tmp_path, cli):
     """Static poses: weights in grams, and sensors in mm."""
     bending, *rest = TRUE.values()
-    solver = Config.from_parameters(
-        {**TUBE, 'stiffness.bending': [bending], 'rest_curvature': rest}
-    ).solver()
+    own, rng = {'stiffness.bending': [bending], 'rest_curvature': rest}, np.random.default_rng(5)
+    solver = Config.from_parameters(TUBE | own).solver()
     axes = [f'S{number} {axis} (mm)' for number in range(1, 6) for axis in 'xyz']
-    lines, rng = (
-        [['weight 1 [g]', 'weight 2 [g]', 'weight 3 [g]', *axes]],
-        np.random.default_rng(5),
-    )
+    lines = [[*(f'weight {number} [g]' for number in (1, 2, 3)), *axes]]
     for grams in ((0, 0, 0), (400, 0, 0), (0, 300, 0), (0, 0, 300)):
         shape = solver.solve([[GRAM * one for one in grams]])
         seen = interpolated(np.array(TUBE_S), shape.s, shape.position)
@@ -355,51 +338,6 @@ def test_what_varies_along_the_arm_is_not_fitted_as_one_number(
     command = f'identify --config {config} --pose-csv {table} --align none --fit {fit} --model'
     assert f'{fit} cannot be fitted: {reason}' in cli.refused(f'{command} exact')
     assert f'the model renda2012 has no {fit}' in cli.refused(f'{command} renda2012')
-
-
-# A rod of nickel-titanium with three discs, a straight tendon and two wound ones -----------------
-
-
-DISCS = parse_parameters(
-    """\
-/**:
-  ros__parameters:
-    model: exact
-    stations: 11
-    material: {law: linear, youngs_modulus: 57000000000.0, poisson_ratio: 0.33}
-    body: {length: 0.24, radius_base: 0.0007, radius_tip: 0.0007, disc_radius: 0.012}
-    sections: {anchorage: [0.24], tendons: [3], offset_base: [0.01], offset_anchorage: [0.01]}
-    tendons: {twist: [0.0, 3.1416, -3.1416], disc_count: 3}
-""",
-    'discs',
-)
-
-
-def test_a_table_of_a_robot_of_discs_tells_its_modulus_and_friction(tmp_path, cli):
-    """It is pulled and let go again: newtons, and a tracker at its tip in mm."""
-    true, rng, last = {'youngs_modulus': 5.2e10, 'friction': 0.18}, np.random.default_rng(6), None
-    own = {'material.youngs_modulus': 5.2e10, 'tendons.friction': [0.18]}
-    solver = Config.from_parameters({**DISCS, **own}).solver()
-    lines = ['step,F1 (N),F2 (N),F3 (N),tip x (mm),tip y (mm),tip z (mm)']
-    for number, pulls in enumerate(((6.0, 1.0, 0.0), (1.0, 6.0, 2.0), (1.0, 2.0, 5.0))):
-        last = solver.follow([pulls], last)
-        tip = 1e3 * (last.tip + 1e-4 * rng.standard_normal(3))
-        lines.append(','.join(map(str, [number, *pulls, *(f'{one:.2f}' for one in tip)])))
-    table, fitted = tmp_path / 'poses.csv', tmp_path / 'fitted.yaml'
-    table.write_text('\n'.join(lines) + '\n')
-    columns = [f'tendon_1_{number}=F{number} (N)' for number in (1, 2, 3)]
-    columns += [f'{axis}=tip {axis} (mm)' for axis in 'xyz']
-    of_table = f'--pose-csv {table} --columns {spaced(map(repr, columns))} {AS_IT_IS}'
-    estimates = cli.json(
-        f'identify --config {arm_file(tmp_path, DISCS)} {of_table} '
-        f'--fit youngs_modulus friction --loss linear --out {fitted}'
-    )['estimates']
-    for name, value in true.items():
-        assert_holds(estimates[name], value, 0.4 * value)
-    assert max(tip_errors(cli.json(f'compare --config {fitted} {of_table}'))) < 0.4
-    # Without its discs it is another robot.
-    smooth = arm_file(tmp_path, {**load_parameters(str(fitted)), 'tendons.disc_count': 0})
-    assert max(tip_errors(cli.json(f'compare --config {smooth} {of_table}'))) > 2.0
 
 
 # Other sensors -----------------------------------------------------------------------------------

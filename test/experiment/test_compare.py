@@ -21,7 +21,6 @@ from experiments import (
     staircase,
     tension_samples,
 )
-from hypothesis import given
 from hypothesis import strategies as st
 from labs import MARKER_S, TIP_ERRORS, seen, staircase_of, tf_message, transform
 from numpy.testing import assert_allclose
@@ -35,13 +34,7 @@ from octo_arm_model.experiment import recording as recordings
 from octo_arm_model.experiment.camera import Alignment, clock_offset, undetermined
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fit import fit_alignment, followed
-from octo_arm_model.experiment.midlines import (
-    Curve,
-    is_tip_first,
-    lengths_along,
-    midline_errors,
-    resample,
-)
+from octo_arm_model.experiment.midlines import Curve, is_tip_first, midline_errors, resample
 from octo_arm_model.experiment.observations import POINTS, Pairing, mean_shape, observe
 from octo_arm_model.experiment.read_recording import read_recording
 from octo_arm_model.experiment.recording import MarkerSources, Recording
@@ -227,16 +220,6 @@ numbers = st.floats(-1.0, 1.0, allow_subnormal=False)
 ARC = circle(count=401)
 
 
-@given(numbers, numbers, numbers)
-def test_no_point_of_a_curve_is_nearer_than_the_nearest(x, y, z):
-    point, arc = 0.2 * np.array([[x, y, z]]), circle()
-    distance, fraction = Curve(arc).nearest(point)
-    brute = np.linalg.norm(resample(arc, np.linspace(0.0, 1.0, 2001)) - point, axis=1)
-    assert distance[0] == pytest.approx(brute.min(), abs=2e-4)
-    length = lengths_along(arc)[-1]
-    assert length * abs(fraction[0] - brute.argmin() / 2000) < 0.02 or brute.min() > 0.05
-
-
 def test_midlines_that_end_early_or_begin_along_the_arm_are_compared_as_far_as_they_go():
     # All of it lies on the model, but not all of the model on it.
     errors = midline_errors(ARC[:301], Curve(ARC))
@@ -336,18 +319,6 @@ NOISE = np.random.default_rng(3).standard_normal(TIME.size)
 
 def windows_of(time: np.ndarray, pulled: np.ndarray, **rule: float) -> list[Window]:
     return steady_windows(time, pulled[:, np.newaxis], SteadyRule(**rule))
-
-
-def test_every_held_tension_is_a_window_and_no_way_between_is():
-    time, pulled = staircase(HELD, hold=3.0, ramp=1.0)
-    found = windows_of(time, pulled + 0.01 * NOISE[: pulled.size])
-    assert len(found) == len(HELD)
-    for number, (window, tension) in enumerate(zip(found, HELD)):
-        assert window.tensions == pytest.approx([tension], abs=0.005)
-        assert window.noise == pytest.approx([0.01], rel=0.3)
-        # From half a second after it is reached, within what the tolerance lets in of the ramp.
-        assert window.start == pytest.approx(4.0 * number + 0.5, abs=0.2)
-        assert window.stop == pytest.approx(4.0 * number + 3.0, abs=0.2)
 
 
 def test_a_glitch_does_not_end_a_window_and_does_not_count_and_a_hole_does():

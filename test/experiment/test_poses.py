@@ -127,21 +127,10 @@ def test_exact_tips_are_compared_with_the_camera_aligned(pulls, tmp_path, cli):
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
 
-@pytest.mark.parametrize(
-    ('words', 'message'),
-    [
-        (['--poses', '--steady', '0.1'], '--steady has no effect with --poses'),
-        (['--poses', '--hold', '1.0'], '--hold has no effect with --poses'),
-        (['--ramp', '--settle', '2'], '--settle has no effect with --ramp'),
-        (['--pose-csv', 'a', '--clock-offset', '1'], '--clock-offset has no effect with --pose'),
-        (['--pose-csv', 'a', '--tolerance', '1'], '--tolerance has no effect with --pose'),
-        (['--ramp', '0.1', '--hold', '2'], '--hold has no effect with --ramp'),
-        (['--poses', '--base-end', 'first'], '--base-end has no effect on tips and markers'),
-    ],
-)
-def test_options_of_steps_have_no_effect_on_others(words, message, tmp_path, cli):
+def test_an_end_of_the_base_has_no_effect_on_tips(tmp_path, cli):
     given = files(tmp_path, random_poses(4, 3), np.arange(3.0))
-    assert message in cli.refused('compare', *given, *ARM, *words)
+    line = cli.refused('compare', *given, *ARM, '--poses', '--base-end', 'first')
+    assert '--base-end has no effect on tips and markers' in line
 
 
 STILL = ['--clock-offset', '0', '--json']
@@ -335,25 +324,11 @@ def test_millimetres_are_asked_about_and_not_guessed(tmp_path, cli):
     assert 'are they in mm? then say --length-unit mm' in cli.refused('compare', bag, *STILL)
 
 
-def test_a_camera_somewhere_else_is_aligned_by_markers(tmp_path, cli):
-    turned = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-
-    def elsewhere(points, number):
-        return points @ turned.T + [0.3, -0.2, 0.9]
-
-    bag = marker_bag(tmp_path / 'bag', change=elsewhere)
-    said = cli.json('compare', bag, *S, *STILL, '--align', 'fit')
-    assert said['models']['exact']['average_tip_error_percent'] < np.mean(TIP_ERRORS)
-
-
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
         (['--marker-s', '0', '0.1', '0.1', '0.2'], '--marker-s has 0.1 after 0.1, expected incr'),
-        (
-            ['--marker-s', '0', '90', '180', '270'],
-            '--marker-s has 90, expected arc coordinates from 0 to 0.27 m: in metres?',
-        ),
+        (['--marker-s', '0', '90', '180', '270'], '--marker-s has 90, expected arc coordinates'),
         (['--marker-s', '0', '0.27'], 'it has 4 point(s), expected 2, one for each of --marker-s'),
         (['--marker-s', 'nan'], '--marker-s has nan'),
         (['--marker-s', *map(str, np.linspace(0.0, 0.27, 1001))], 'at most 1000'),
@@ -416,13 +391,10 @@ def wide_csv(path: Path) -> Path:
     return path
 
 
-def test_midlines_and_loads_without_a_bag_are_compared_and_fitted(tmp_path, cli):
+def test_midlines_and_loads_without_a_bag_are_compared(tmp_path, cli):
     files = '--tension-csv', loads_csv(tmp_path / 'loads.csv')
     files += '--midline-csv', tidy_csv(tmp_path / 'track.csv')
     assert_tip_errors(cli.json('compare', *files, *EXACT, *UNALIGNED))
-    fitted = cli.json('identify', *files, *EXACT, *UNALIGNED)
-    # Least squares spread the error of the model over all steps.
-    assert fitted['estimates']['youngs_modulus']['value'] == pytest.approx(1.1e5, rel=0.03)
 
 
 @pytest.mark.parametrize('is_yaml', [False, True])
@@ -473,11 +445,7 @@ TRACK = 'time,x,y,z\n0,0,0,0\n'
         (LOADS, '', 'track.csv: no row'),
         (b'\xff\xfe', TRACK, 'loads.csv'),
         ('0,1,0,0,0\n1,1,0,0,0\n', TRACK, 'no column time; it has #1, #2, #3, #4, #5; say --col'),
-        (
-            'Trial,1\n\ntime,tendon_1_1,b\n0,1,2\n',
-            TRACK,
-            'line 4: 3 values, expected 2 as in the header; expected lines of headers, or none',
-        ),
+        ('Trial,1\n\ntime,tendon_1_1,b\n0,1,2\n', TRACK, 'line 4: 3 values, expected 2 as in the'),
         ('Trial,1\ntime,tendon_1_1\n0,1\n', TRACK, 'it has Trial time, 1 tendon_1_1'),
         ('Trial\n', TRACK, 'no row of numbers, expected some below a header'),
         (LOADS + 'End\n', TRACK, 'line 3: 1 values, expected 5 as in the header; expected lines'),
@@ -602,9 +570,15 @@ def test_what_is_read_has_bounds(tmp_path, cli, monkeypatch):
         (['bag', '--columns', 'time'], "--columns has 'time', expected name=COLUMN or a YAML"),
         (['bag', '--columns', 'no.yaml'], 'no.yaml'),
         (['bag', '--columns', 'time=t'], '--columns is given, and no CSV file'),
+        (['bag', '--poses', '--steady', '0.1'], '--steady has no effect with --poses'),
+        (['bag', '--poses', '--hold', '1.0'], '--hold has no effect with --poses'),
+        (['bag', '--ramp', '--settle', '2'], '--settle has no effect with --ramp'),
+        (['bag', '--ramp', '0.1', '--hold', '2'], '--hold has no effect with --ramp'),
+        (['--pose-csv', 'a', '--clock-offset', '1'], '--clock-offset has no effect with --pose'),
+        (['--pose-csv', 'a', '--tolerance', '1'], '--tolerance has no effect with --pose'),
     ],
 )
-def test_what_is_not_said_is_asked_for(words, message, cli):
+def test_options_that_are_missing_or_have_no_effect_are_named(words, message, cli):
     assert message in cli.refused('compare', *words)
 
 

@@ -112,26 +112,6 @@ def test_an_arm_that_was_lost_is_found_again_and_told(is_smooth):
     assert after.any() and (found.camera.tip[0][after] < 3e-3).all()
 
 
-def test_an_arm_of_another_stiffness_is_estimated_as_well(tmp_path):
-    path = record(tmp_path / 'bag', stiffness=1.15, markers=MARKERS, camera_rate=0.1)
-    ratios = []
-
-    def write(moment, one):
-        state = one.estimate.state.log_modulus
-        deviation = np.sqrt(one.estimate.covariance[state, state][0, 0])
-        ratios.append((float(one.estimate.mean[state][0]), float(deviation)))
-
-    values = {**MARKED, 'material.youngs_modulus_stddev': 0.2}
-    found = estimate(read(path, values=values), write=write)
-    mean, deviation = ratios[-1]
-    assert abs(mean - np.log(1.15)) < 3.0 * deviation < 0.06
-    assert any(
-        touch.start <= np.mean(TOUCHED) <= touch.stop
-        and (np.abs(touch.force - PUSH) < 4.0 * touch.stddev).all()
-        for touch in found.touches
-    )
-
-
 def test_the_place_of_a_touch_is_told_by_probabilities():
     values = {**MARKED, 'estimator.contact': 'somewhere', 'estimator.contact_s': [0.12, 0.27]}
     some = read(touched_bag(), TOUCHED[0] - 3.0, TOUCHED[1], values=values)

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 pytest.importorskip('matplotlib')
 from matplotlib.figure import Figure
 
-from octo_arm_model import MODELS, Pose, Solver, load_config
+from octo_arm_model import MODELS, load_config
 from octo_arm_model.cli import reproduce
 from octo_arm_model.cli.main import main
 from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_PLANE, PROTOTYPE_ERRORS
@@ -142,18 +142,6 @@ def test_claims_of_the_paper_hold_for_renda2012(claim):
 def test_law_of_the_bending_plane_gives_the_captions_of_figure_11():
     planes = [tables.law(tensions) for tensions in BENDING.values()]
     assert_allclose(planes, [135.0, -30.0, 60.0])
-
-
-def test_bending_plane_is_independent_of_the_base(table2):
-    other_base = Pose((1.0, 2.0, 3.0), (0.5, -0.5, 0.5, 0.5))
-    shapes = [
-        Solver(table2.arm, 'exact', base=base).solve(BENDING['C']) for base in (Pose(), other_base)
-    ]
-    for shape in shapes:
-        assert tables.bending_plane(shape) == pytest.approx(60.0, abs=1e-3)
-        assert tables.out_of_plane(shape) < 1e-6
-    distances = [tables.tip_distance(shape) for shape in shapes]
-    assert distances[0] == pytest.approx(distances[1])
 
 
 def test_turns_of_sections_equal_integrals_of_the_curvature(model):

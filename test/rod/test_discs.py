@@ -109,15 +109,6 @@ def test_distances_of_the_tip_in_the_manual_are_reproduced():
     assert_allclose(distances, [28.0, 3.2, 0.8], rtol=0.04)
 
 
-def test_error_is_of_second_order_in_the_distance_of_discs():
-    tips = [
-        solver(robot(discs)).solve(0.3 * PULL, WRENCH).tip
-        for discs in (None, *(Discs.evenly(count, LENGTH) for count in (16, 32)))
-    ]
-    distances = np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1)
-    assert_allclose(distances[:-1] / distances[1:], 4.0, rtol=0.03)
-
-
 def test_friction_acts_at_every_hole_and_has_hysteresis():
     mu, solver_ = 0.25, solver(robot(friction=(0.25,)))
     loaded = solver_.solve(0.5 * PULL, WRENCH)

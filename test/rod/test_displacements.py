@@ -31,11 +31,10 @@ from octo_arm_model import (
     solve_displacements,
     wound_sensitivity,
 )
-from octo_arm_model.arm.errors import ContinuationError, ConvergenceError
+from octo_arm_model.arm.errors import ContinuationError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import Budget
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
-from octo_arm_model.rod.winch_equations import Tolerance, complementary_step
 
 TENSIONS = 0.5 * np.array(FETCHING_IN_SPACE)
 IN_AIR = Loads(gravity=(0.0, 0.0, -9.81))
@@ -235,12 +234,6 @@ def test_uncertainty_of_tensions_has_no_effect_on_tendons_given_by_displacement(
     by_tension = wound_sensitivity(of_four, slack).held.by_tension
     is_given_by_tension = [not driven for driven in slack.driven]
     assert [bool(column.any()) for column in by_tension.tip.T] == is_given_by_tension
-
-
-def test_tendon_that_loses_tension_when_reeled_in_does_not_converge():
-    one, tolerance = np.ones(1), Tolerance.of(1.0, has_friction=False)
-    with pytest.raises(ConvergenceError, match='the displacement of the tendons'):
-        complementary_step(-np.eye(1), one, 0.0 * one, one > 0.0, tolerance)
 
 
 # With friction -----------------------------------------------------------------------------------

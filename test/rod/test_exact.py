@@ -1,7 +1,6 @@
 """The model exact without loads: every cross section has the least energy."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from rods import CONE, HELICAL, RUBBER, THIRDS
-from scipy.optimize import brentq
 from strategies import PAPER_SIZE, arms, extreme_arms, fractions, tensions_for
 
 from octo_arm_model import (
@@ -76,20 +74,6 @@ def test_strains_have_the_least_energy_in_general_arms(name, law, shear):
     assert_least_energy(arm, THREE_TENSIONS, law, backbone, shear)
     assert (np.abs(backbone.tau).max() > 1.0) == (name != 'three')
     assert not shear or np.abs(backbone.twist[4:]).max() > 1e-3
-
-
-@pytest.mark.parametrize('law', LAWS)
-@pytest.mark.parametrize('pull', [0.01, 0.3, 3.0])
-def test_compression_by_equal_tendons_solves_the_scalar_equation(law, pull):
-    arm = Arm(RUBBER, CONE, (Section(0.4, 0.005, 0.005),))
-    backbone = Solver(arm, 'exact', 11, material=law).solve(np.full((1, 4), pull))
-    for s, q in zip(backbone.s, backbone.q):
-        load = 4.0 * pull / (1.1e5 * math.pi * float(arm.body.radius(s)) ** 2)
-        expected = -load
-        if law == 'neo_hookean':
-            expected = brentq(lambda x: (x - x**-2) / 3.0 + load, 0.05, 1.0, xtol=1e-14) - 1.0
-        assert q == pytest.approx(expected, abs=1e-10)
-    assert_allclose([backbone.tau, backbone.xi, backbone.k], 0.0, atol=1e-11)
 
 
 # Any arm ---------------------------------------------------------------------------------------

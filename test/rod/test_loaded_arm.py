@@ -146,14 +146,6 @@ def test_tip_moment_bends_a_uniform_rod_into_an_arc(turns):
     assert_allclose(shape.k, curvature, rtol=1e-9)
 
 
-def test_axial_moment_twists_a_rod():
-    shape = Solver(rod_of(0.5, 0.005), 'exact', material='linear').solve(
-        [[0.0]], (0.0, 0.0, 0.0, 0.2, 0.0, 0.0)
-    )
-    assert_allclose(shape.tau, 0.2 / (1e9 / 2.6 * math.pi * 0.005**4 / 2), rtol=1e-9)
-    assert_allclose(shape.position[:, 1:], 0.0, atol=1e-12)
-
-
 @pytest.mark.parametrize('law', LAWS)
 # The upward case is below the buckling load.
 @pytest.mark.parametrize('gravity', [9.81, -0.5])

@@ -17,9 +17,7 @@ from octo_arm_model import (
     ConvergenceError,
     SolveError,
     Solver,
-    TipPosition,
     Uncertainty,
-    find_tensions,
 )
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters
@@ -194,14 +192,6 @@ def test_derivatives_beyond_the_papers_models_are_refused(table4, papers_model):
         solver.sensitivity(solver.solve(np.stack([TENSIONS, TENSIONS])))
     with pytest.raises(ConfigError, match='by another solver'):
         solver.sensitivity(Solver(table4.arm, papers_model, 61).solve(TENSIONS))
-
-
-def test_find_tensions_works_with_the_papers_models(table4, papers_model):
-    solver = Solver(table4.arm, papers_model, 31)
-    target = solver.solve(0.5 * TENSIONS).tip
-    result = find_tensions(solver, TipPosition(target), [[0.5], [4.0], [13.0]])
-    assert result.reached
-    assert_allclose(solver.solve(result.backbone.tensions).tip, target, atol=1e-6)
 
 
 def test_model_error_is_added_to_the_covariance(table4, papers_model):

@@ -337,10 +337,7 @@ def test_arguments_of_other_classes_are_refused(table4):
         (lambda: solve_displacements(solver, [0.01]), 'displacements are'),
         (lambda: solve_displacements(solver, {'tendon_1_1': 0.0}, MIXED), 'tensions are'),
         (lambda: solve_displacements(solver, {5: 0.1}), 'unknown tendon 5; this arm has tendon_1'),
-        (
-            lambda: solve_displacements(solver, {}, {'tendon_1_1': True}),
-            'tension of tendon_1_1 is',
-        ),
+        (lambda: solve_displacements(solver, {}, {'tendon_1_1': True}), 'tension of tendon_1_1'),
         (lambda: load_config(5), 'file or preset is 5, expected an instance of str'),
         (lambda: Config.from_parameters([]), 'values is [], expected an instance of Mapping'),
         (lambda: Budget(seconds=0), 'solve budget: seconds is 0, expected a number > 0'),

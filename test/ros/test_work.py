@@ -4,7 +4,6 @@ import contextlib
 import subprocess
 import sys
 import time
-from functools import partial
 from typing import Any
 
 import live_nodes
@@ -25,7 +24,7 @@ from octo_arm_model.ros.estimator.main import PreparedEstimator
 from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
 from octo_arm_model.ros.node.server import Prepared
 from octo_arm_model.ros.topics import message_class
-from octo_arm_model.ros.work import MOST_WAITING, QueuedService, WorkQueue
+from octo_arm_model.ros.work import MOST_WAITING, QueuedService
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 
@@ -65,16 +64,6 @@ def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
     service.close()
     live_nodes.spin_until(executor, lambda: all(one.done() for one in asked))
     assert {one.result().message for one in asked} == {'the node stops answering'}
-
-
-def test_a_piece_that_is_due_already_is_not_due_twice(make_node):
-    # As of a topic whose message is answered before its turn, and which brings the next one then.
-    node, done = make_node('working'), []
-    work, piece = WorkQueue(node), partial(done.append, 'once')
-    for one in (piece, piece, partial(done.append, 'after')):
-        work.add(one)
-    live_nodes.spin_until(node.executor, lambda: 'after' in done)
-    assert done == ['once', 'after']
 
 
 # The solver sends the signal itself and then never returns.

@@ -7,25 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from octo_arm_model import (
-    Loads,
-    MotionProperties,
-    Pose,
-    SolveError,
-    TensionError,
-    load_config,
-    solve_displacements,
-)
-from octo_arm_model.arm.errors import ArmDefinitionError, ConfigError, LoadError
+from octo_arm_model import Loads, MotionProperties, Pose, load_config, solve_displacements
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.rod.motion import base_of
 from octo_arm_model.simulation.dynamic_arm import (
-    FARTHEST,
     LAG,
     DynamicArm,
     Surroundings,
-    check_values,
     current_of,
     pose_of,
 )
@@ -63,28 +51,6 @@ def test_sensors_end_with_what_they_read_of_the_arm_at_rest(s):
     assert arm.reeled_in()[8] > 0.0
 
 
-def test_an_arm_goes_on_where_it_was_and_begins_anew_when_told():
-    push = Push()
-    arm = DynamicArm(CONFIG, push, SENSORS)
-    with pytest.raises(SolveError, match='has not moved yet'):
-        arm.tip_pose()
-    arm.advance(np.zeros(12), NONE, 0.0)
-    rest = arm.backbone.tip
-    arm.advance(TENSIONS, NONE, 0.1)
-    next_arm = DynamicArm(CONFIG, push, Sensors())
-    assert next_arm.go_on_from(arm)
-    np.testing.assert_array_equal(next_arm.backbone.tip, arm.backbone.tip)
-    other = DynamicArm(dataclasses.replace(CONFIG, loads=Loads()), push, SENSORS)
-    assert not other.go_on_from(arm)
-    with pytest.raises(SolveError):
-        other.tip_pose()
-    arm.reset()
-    arm.advance(np.zeros(12), NONE, 0.1)
-    np.testing.assert_array_equal(arm.backbone.tip, rest)
-    arm.advance(TENSIONS, NONE, 0.25)
-    assert arm.state.time == pytest.approx(0.25)
-
-
 def test_the_current_that_is_set_last_flows():
     arms = [
         DynamicArm(
@@ -102,11 +68,6 @@ def test_the_current_that_is_set_last_flows():
         arms[1].advance(np.zeros(12), NONE, 20 * LAG)
         assert current_of(arms[1].surroundings.values) == pytest.approx(flow, abs=1e-6)
         arms[1].surroundings.flow((0.0, 0.0, 0.2))
-
-
-def test_an_arm_that_cannot_move_is_refused():
-    with pytest.raises(ArmDefinitionError, match='density'):
-        DynamicArm(PLAIN, Push(), Sensors())
 
 
 START = Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
@@ -137,32 +98,6 @@ def test_a_quaternion_of_the_other_sign_turns_nothing():
     around.move_base(Pose((1.0, 2.0, 3.0), tuple(-c for c in turned(0.1).quaternion)))
     around.values = around.after(0.05)
     np.testing.assert_allclose(pose_of(around.values).quaternion, turned(0.1).quaternion)
-
-
-def test_jumps_and_what_is_not_finite_are_refused_and_change_nothing():
-    around = Surroundings(START, (0.0, 0.0, 0.0))
-    for pose in (turned(0.0, 1.001 + FARTHEST), turned(0.31), turned(3.0)):
-        with pytest.raises(LoadError, match='rad from where the base is, expected'):
-            around.move_base(pose)
-    with pytest.raises(LoadError, match='the current is 11 m/s, expected at most 10 m/s'):
-        around.flow((0.0, 11.0, 0.0))
-    with pytest.raises(ArmDefinitionError, match=r'current is .* three finite numbers'):
-        around.flow((0.0, math.nan, 0.0))
-    assert not around.is_told
-    np.testing.assert_array_equal(around.after(1.0), around.values)
-
-
-def test_values_of_a_file_are_those_of_the_base_of_the_arm():
-    around = Surroundings(START, (0.0, 0.0, 0.0))
-    around.move_base(turned(0.29, 1.09))
-    for _ in range(10):
-        around.values = around.after(0.02)
-        check_values(around.values, base_of(pose_of(around.values)))
-    for row, column, value in ((0, 0, 5.0), (2, 3, 0.0), (1, 2, 1e300)):
-        wrong = around.values.copy()
-        wrong[row, column] = value
-        with pytest.raises(ConfigError, match='are not those of the base'):
-            check_values(wrong, base_of(pose_of(around.values)))
 
 
 # Winches -----------------------------------------------------------------------------------------
@@ -221,20 +156,6 @@ def test_winches_that_hold_lengths_bear_a_push_and_the_arm_springs_back():
     assert np.linalg.norm(tips[1] - tips[0]) > 3.0 * np.linalg.norm(far)
 
 
-def test_a_length_beside_a_tension_and_back():
-    own, config = drive()
-    tensions = np.array([0.0, 0.0, 0.0, 0.4])
-    go(own, tensions, NONE)
-    length = {NAMES[0]: 0.01}
-    own.hold(length, tensions)
-    found = go(own, tensions, NONE, 60)
-    expected = solve_displacements(config.solver, length, {NAMES[3]: 0.4}).backbone.tensions
-    np.testing.assert_allclose(found, expected.ravel(), atol=2e-4)
-    # Commanded by tension again the winch begins with that of the tendon.
-    own.hold({}, found)
-    np.testing.assert_allclose(go(own, found, NONE), found, atol=1e-6)
-
-
 def test_winches_follow_a_length_with_their_lag_and_speed():
     own, config = drive(winches__lag=0.1)
     arm: Any = config.pushed_arm
@@ -279,18 +200,3 @@ def test_winches_do_what_they_can_where_no_tension_reels_in_a_length():
     go(own, none, NONE)
     own.hold({'tendon_1_1': 0.3}, none)
     np.testing.assert_allclose(go(own, none, NONE, 2), [config.limits[0], *none[1:]], atol=1e-9)
-
-
-def test_a_length_beyond_what_there_is_is_refused_and_the_arm_goes_on():
-    own, config = drive()
-    go(own, SLACK, NONE)
-    own.hold({NAMES[0]: 0.01}, SLACK)
-    for lengths, reason in (
-        ({NAMES[0]: 2.0}, 'displacement of tendon_1_1 is 2 m, expected less than there is'),
-        ({'elbow': 0.01}, 'unknown tendon elbow'),
-    ):
-        with pytest.raises(TensionError, match=reason):
-            own.hold(lengths, SLACK)
-    go(own, SLACK, NONE, 2)
-    arm: Any = config.pushed_arm
-    assert arm.reeled_in()[0] == pytest.approx(0.01, abs=1e-9)

@@ -21,7 +21,7 @@ from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
 from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm, tensions_of
 from octo_arm_model.wire.messages import Refusals, Stamp, time_of
-from octo_arm_model.wire.tensions import FLOAT64_ARRAY, JOINT_STATE, TENDON_TENSIONS, FieldMessage
+from octo_arm_model.wire.tensions import FLOAT64_ARRAY, JOINT_STATE, FieldMessage
 
 PARAMETERS = {
     **load_parameters('renda2012_prototype'),
@@ -211,26 +211,10 @@ INDEFINITE = np.ones((6, 6)) + np.eye(6) - 2.0 * (np.eye(6, k=1) + np.eye(6, k=-
         (tip_pose(turned=np.zeros(4)), {}, 'expected length 1'),
         (tip_pose(turned=(0, 0, 0, 1e-320)), {}, 'expected length 1'),
         (tip_pose(turned=(1e200, 0, 0, 1)), {}, 'expected'),
-        (
-            tip_pose(covariance=-np.eye(6)),
-            {},
-            'its covariance is -1 at 0, 0, expected a positive definite one$',
-        ),
-        (
-            tip_pose(covariance=np.diag([1.0, 1, 0, 1, 1, 1])),
-            {},
-            'tip pose: the variance of number 3 of 6 is 0, expected a positive definite covar',
-        ),
-        (
-            tip_pose(covariance=INDEFINITE),
-            {},
-            'tip pose: some combination of its 6 numbers has a variance of -',
-        ),
-        (
-            tip_pose(covariance=np.eye(6) + 0.5 * np.eye(6, k=1)),
-            {},
-            'covariance is 0.5 at 0, 1 and 0 at 1, 0, expected a symmetric one',
-        ),
+        (tip_pose(covariance=-np.eye(6)), {}, 'its covariance is -1 at 0, 0, expected a positive'),
+        (tip_pose(covariance=np.diag([1.0, 1, 0, 1, 1, 1])), {}, 'tip pose: the variance of'),
+        (tip_pose(covariance=INDEFINITE), {}, 'tip pose: some combination of its 6 numbers has a'),
+        (tip_pose(covariance=np.eye(6) + 0.5 * np.eye(6, k=1)), {}, 'covariance is 0.5 at 0, 1'),
         *(
             (tip_pose(covariance=tiny * np.eye(6), frame='camera'), {}, 'tip pose: noise has a st')
             for tiny in (1e-300, 5e-324)
@@ -303,13 +287,6 @@ def test_arrays_of_other_shapes_are_refused(sizes, offset, count, complaint):
     message = array(np.zeros(count), *sizes, offset=offset)
     with pytest.raises(TensionError, match=complaint):
         FLOAT64_ARRAY.read(message, TWELVE)
-
-
-def test_length_of_errors_is_bounded():
-    for names in (['x' * 10**6] * 2, [f'n{i}' for i in range(10**5)], ['a', 'b'] * 10**5):
-        with pytest.raises(TensionError) as refusal:
-            TENDON_TENSIONS.read(SimpleNamespace(name=names, tension=names), TWELVE)
-        assert len(str(refusal.value)) < 1000
 
 
 # Stamps, and counts of refused messages ----------------------------------------------------------

@@ -193,46 +193,38 @@ def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):
     assert not environment
 
 
-def test_a_managed_node_answers_while_it_is_active():
+def test_a_managed_node_answers_while_it_is_active_and_says_what_it_is():
     with live_nodes.hosting(node.ManagedOctoArmNode) as client:
-        assert client.transition(Transition.TRANSITION_CONFIGURE)
+        assert client.change(diagnostics__silence_limit=1e6) == (True, '')
+
+        def says(words):
+            parts = client.diagnostics[-1].status if client.diagnostics else []
+            level = DiagnosticStatus.OK if words == 'waiting' else DiagnosticStatus.WARN
+            return len(parts) == 3 and all((p.message, p.level) == (words, level) for p in parts)
+
+        def turns(transition, words):
+            assert client.transition(transition)
+            client.wait(lambda: says(words), f'the diagnosis of one that is {words}')
+
+        client.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
+        for impossible in (Transition.TRANSITION_ACTIVATE, live_nodes.NO_TRANSITION):
+            assert not client.transition(impossible)
+        turns(Transition.TRANSITION_CONFIGURE, 'inactive')
         client.wait(lambda: client.node.count_publishers('backbone/path'), 'a configured node')
         assert client.node.count_subscribers('tendon_tensions') == 0
         for _ in range(2):
-            assert client.transition(Transition.TRANSITION_ACTIVATE)
+            turns(Transition.TRANSITION_ACTIVATE, 'waiting')
             client.connect()
             answers = client.ask('tendon_tensions', FETCHING_IN_PLANE)
             live_nodes.assert_is_backbone(answers, FETCHING_IN_PLANE)
-            assert client.transition(Transition.TRANSITION_DEACTIVATE)
+            turns(Transition.TRANSITION_DEACTIVATE, 'inactive')
             client.wait(lambda: not client.node.count_subscribers('tendon_tensions'), 'its end')
         assert client.status('solver')[1]['model'] == 'renda2012'
-        assert client.transition(Transition.TRANSITION_CLEANUP)
+        turns(Transition.TRANSITION_CLEANUP, 'unconfigured')
         client.wait(lambda: not client.node.count_publishers('backbone/path'), 'its end')
         assert client.status('solver')[1]['model'] == ''
         assert client.transition(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
         assert client.status('input')[0].message == 'finalized'
-
-
-def test_a_managed_node_that_does_not_answer_says_so():
-    with live_nodes.hosting(node.ManagedOctoArmNode, node='managed') as managed:
-        assert managed.change(diagnostics__silence_limit=1e6) == (True, '')
-
-        def says(words):
-            parts = managed.diagnostics[-1].status if managed.diagnostics else []
-            level = DiagnosticStatus.OK if words == 'waiting' else DiagnosticStatus.WARN
-            return len(parts) == 3 and all((p.message, p.level) == (words, level) for p in parts)
-
-        managed.wait(lambda: says('unconfigured'), 'the diagnosis of an unconfigured node')
-        for impossible in (Transition.TRANSITION_ACTIVATE, live_nodes.NO_TRANSITION):
-            assert not managed.transition(impossible)
-        for transition, words in (
-            (Transition.TRANSITION_CONFIGURE, 'inactive'),
-            (Transition.TRANSITION_ACTIVATE, 'waiting'),
-            (Transition.TRANSITION_DEACTIVATE, 'inactive'),
-            (Transition.TRANSITION_CLEANUP, 'unconfigured'),
-        ):
-            assert managed.transition(transition)
-            managed.wait(lambda words=words: says(words), f'the diagnosis of one that is {words}')
 
 
 def test_a_managed_node_that_cannot_be_configured_says_why_and_stays(tmp_path):

@@ -286,22 +286,6 @@ def test_an_arm_that_is_crushed_stays_as_it_was_and_is_not_published():
         assert_allclose(client.tip(), rest, atol=1e-9)
 
 
-def test_what_is_not_finite_is_refused_in_a_sentence_and_the_arm_goes_on():
-    with moving() as client:
-        for name, value in (
-            ('motion__current', [0.0, float('nan'), 0.0]),
-            ('motion__viscosity', float('inf')),
-            ('loads__gravity', [float('nan')] * 3),
-            ('base__position', [0.0, 0.0, float('inf')]),
-            ('push__force', [float('nan')] * 3),
-        ):
-            is_taken, why = client.change(**{name: value})
-            assert not is_taken and name.replace('__', '.') in why and 'finite' in why, why
-        client.tips.clear()
-        client.wait(lambda: client.tips, 'the arm')
-        assert_allclose(client.tip(), [0.27, 0.0, 0.0], atol=1e-9)
-
-
 def test_the_base_and_the_water_move_as_messages_tell(tmp_path):
     given = {'loads__fluid_density': 1022.0, 'motion__water': 'cylinder', 'publish_clock': True}
     with moving(state_file=str(tmp_path / 'state.npz'), **given) as client:
