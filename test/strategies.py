@@ -56,22 +56,6 @@ def scaled(arm: Arm, scale: float) -> Arm:
 
 
 @st.composite
-def extreme_arms(draw: st.DrawFn, max_sections: int = 4) -> Arm:
-    """Draw extreme valid arms: tendons on the midline or the surface, thin tips."""
-    length = draw(fractions(0.1, 1.0))
-    radius_base = length * draw(fractions(0.03, 0.08))
-    body = Body(length, radius_base, radius_base * 10.0 ** draw(fractions(-3.0, 0.0)))
-    parts = draw(st.lists(fractions(0.2, 0.9), max_size=max_sections - 1))
-    anchorages = [length, *(length * np.cumprod(parts)).tolist()]
-    fraction = st.sampled_from([0.0, 1.0]) | fractions()
-    sections = tuple(
-        Section(s, radius_base * draw(fraction), float(body.radius(s)) * draw(fraction))
-        for s in anchorages
-    )
-    return Arm(Material(draw(fractions(1e4, 1e6)), draw(fractions(0.0, 0.5))), body, sections)
-
-
-@st.composite
 def tensions_for(draw: st.DrawFn, arm: Arm, load: float = 0.35) -> np.ndarray:
     """Draw tensions that compress each section by at most ``load`` at its anchorage.
 

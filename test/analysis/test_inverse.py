@@ -1,7 +1,5 @@
 """Find tensions for targets: accuracy, bounds, least effort, and Jacobians of targets."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from differences import jacobian as derivative
@@ -152,17 +150,6 @@ def test_co_contraction_gives_the_target_stiffness(solver):
     push = 1e-5
     pushed = solver.solve(stiff.backbone.tensions, [0, push, 0, 0, 0, 0])
     assert push / (pushed.tip - stiff.backbone.tip)[1] == pytest.approx(1.2 * soft, rel=1e-3)
-
-
-def test_loads_are_included(table4):
-    loads = Loads(gravity=(0, 0, -9.81), fluid_density=1000)
-    loaded = dataclasses.replace(table4, arm=table4.arm.with_density(1080), loads=loads).solver(
-        'exact', 61
-    )
-    result = find_tensions(loaded, TipPosition([0.25, 0.1, -0.1]), HIGHEST)
-    assert result.reached
-    tip = loaded.solve(result.backbone.tensions).tip
-    assert_allclose(tip, [0.25, 0.1, -0.1], atol=1e-6)
 
 
 @pytest.mark.parametrize('highest', [0.0, -1.0, np.nan, np.inf])

@@ -3,7 +3,6 @@
 import dataclasses
 import multiprocessing
 import socket
-import sys
 
 import numpy as np
 import pytest
@@ -163,12 +162,6 @@ def test_dask_cluster_gives_the_same_workspace(table4):
     assert workspace.refused
     assert_same(workspace, sample_workspace(config, TOO_HIGH, count, processes=1))
     assert calls[-1] == (count, count)
-
-
-def test_error_without_dask_has_its_installation(table4, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'dask', None)
-    with pytest.raises(ConfigError, match=r"pip install 'octo_arm_model\[cluster\]'"):
-        sample_workspace(table4, HIGHEST, 8, scheduler='tcp://127.0.0.1:8786')
 
 
 def test_unreachable_scheduler_is_one_line_of_error(table4, monkeypatch):

@@ -6,8 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiments import ARM, bag_of, description, nanoseconds
-from labs import MARKER_S, TIP_ERRORS, pose_array, seen, staircase_of
+from experiments import (
+    ARM,
+    MARKER_S,
+    TIP_ERRORS,
+    bag_of,
+    description,
+    nanoseconds,
+    pose_array,
+    seen,
+    staircase_of,
+)
 from numpy.testing import assert_array_equal
 from recordings import (
     START,

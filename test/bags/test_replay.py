@@ -474,11 +474,3 @@ def test_winches_and_load_cells_drive_different_tendons_until_all_are_let_go(tmp
     assert len(of_cells) == 2 and len(of_winches) == 6
     assert_allclose(of_winches[:3], pulls[:3], atol=1e-7)
     assert not of_winches[3].any()
-
-
-def test_named_topics_are_all_that_is_read(cli, tmp_path):
-    bag = bag_of(tmp_path / 'in', [PULL, HALF, PULL])
-    for topic, numbers in (('/tendon_tensions', {0, 2}), ('tendon_displacements', {1})):
-        out = tmp_path / topic.strip('/')
-        assert cli('replay', bag, out, '--topics', topic)[0] == 0
-        assert tips(out).keys() == numbers

@@ -10,21 +10,26 @@ import pytest
 from experiments import (
     ARM,
     FAR,
+    MARKER_S,
     PARAMETERS,
+    TENSIONS,
+    TIP_ERRORS,
     TRUE,
     arm_file,
+    at_any,
     bag_of,
     description,
+    marker_bag,
     midline,
     nanoseconds,
     one_tendon,
     path_sample,
     pose_sample,
+    seen,
     staircase,
     staircase_bag,
     tension_samples,
 )
-from labs import MARKER_S, TENSIONS, TIP_ERRORS, at_any, marker_bag, seen
 from numpy.testing import assert_allclose
 from recordings import START, STEP, samples, text_sample, write_bag
 

@@ -2,16 +2,20 @@
 
 import csv
 import json
+import re
 
+import numpy as np
 import pytest
-from touched_demo import TOUCHED, record, touched_bag
+from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
 
+from octo_arm_model.bags.outputs import true_config
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.types import known_types
 from octo_arm_model.cli.main import main
 from octo_arm_model.wire.estimate import read_covariance
 
 TIP = ('--markers', '-')
+MARKED = ('--marker-s', *MARKERS)
 
 
 @pytest.fixture(scope='module')
@@ -30,9 +34,72 @@ def test_the_summary_says_when_and_how_hard(cli):
     assert words[1:3] == ['at', 'the']
     assert abs(float(words[5]) - TOUCHED[0]) < 0.3 and abs(float(words[7]) - TOUCHED[1]) < 0.3
     assert abs(float(words[9]) - 20.0) < 3.0 and words[10] == 'mN'
-    assert any(line.startswith('against /camera/midline while touched: tip off') for line in lines)
+    words = (
+        r'against /camera/midline while touched: tip off by (\S+) mm, without the estimator (\S+)'
+    )
+    found, plain = map(float, re.search(words, out).groups())
+    assert plain > 30.0 > 3.0 > found
     assert any(line.startswith('tip pose: ') and 'normalised innovation' in line for line in lines)
     assert any('tensions are measured to' in line for line in lines)
+
+
+@pytest.mark.parametrize('how', [(), ('--smooth',)], ids=['filter', 'smoother'])
+def test_a_touch_is_found_when_where_and_as_hard_as_it_was_and_bands_hold_the_truth(
+    how, tmp_path, cli
+):
+    said = cli.json('estimate', touched_bag(), *MARKED, *how, '--csv', tmp_path, '--json')
+    (touch,) = said['touches']
+    # It grows before and falls after the times of its full size.
+    assert TOUCHED[0] - 0.2 < touch['start'] <= TOUCHED[0] + 0.25
+    assert TOUCHED[1] - 0.25 <= touch['stop'] < TOUCHED[1] + 0.25
+    assert (np.abs(touch['force'] - PUSH) < 3.0 * np.array(touch['force_stddev'])).all()
+    assert np.linalg.norm(touch['force']) == pytest.approx(FORCE, rel=0.1)
+    assert touch['contact'] == 'tip' and not said['without_estimate'] and not said['left_out']
+    # The arm is not touched most of the time, which the prior does not know.
+    tips = said['innovations']['tip pose']
+    assert tips['mean_square'] < 1.3 and tips['refused'] <= 2
+    rows = list(csv.DictReader((tmp_path / 'estimate.csv').read_text().splitlines()))
+    names = [
+        'time [s]',
+        *(f'force {axis}{what} [N]' for what in ('', ' stddev') for axis in 'xyz'),
+    ]
+    time, *both = np.array([[float(row[name]) for name in names] for row in rows]).T
+    force, stddev = np.reshape(both, (2, 3, -1))
+    corners, _ = touched().schedule(true_config(PARAMETERS, touched()))
+    inside = np.abs(force - touched().touches(time, corners).T) <= 1.96 * stddev
+    # Where the arm is straight the prior of the force along it does not hold what never acts.
+    assert inside[:, time > corners[3]].mean() > 0.9
+
+
+def test_the_place_of_a_touch_is_told_by_probabilities(cli):
+    places = '--contact', 'somewhere', '0.12', '0.27'
+    said = cli.json('estimate', touched_bag(), *MARKED, *places, '--json')
+    (touch,), means = said['touches'], said['hypotheses']
+    assert touch['contact'] == '0.27 m' and touch['start'] <= np.mean(TOUCHED) <= touch['stop']
+    assert set(means) == {'none', '0.12 m', '0.27 m'} and means['none'] > 0.8
+
+
+def test_without_a_touch_none_is_found(tmp_path, cli):
+    bag = record(tmp_path / 'bag', touch=0.0, markers=(0.27,), camera_rate=0.1)
+    said = cli.json(f'estimate {bag} --marker-s 0.27 --marker-stddev 5e-4 --json')
+    assert not said['touches'] and said['innovations']['markers']['accepted'] > 60
+
+
+def test_an_arm_that_was_lost_is_found_again_and_told(cli):
+    # Tensions change by more than 0.01 N in a second, which is what is told.
+    lost = '--tension-rate', '0.01', '--recover-after', '1'
+    said = cli('estimate', touched_bag(), *MARKED, *lost)[1]
+    assert 2.0 < float(re.search(r'reset at (\S+) s', said)[1]) < 3.5
+
+
+def test_where_no_time_has_a_shape_the_reason_is_the_error(tmp_path, cli):
+    table = tmp_path / 'table.csv'
+    table.write_text('time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n0,3e4,0,0,0\n')
+    given = (
+        f'estimate {table} --config renda2012_prototype --tension-rate 1e6 --tension-stddev 0.1'
+    )
+    status, _, err = cli(given)
+    assert status == 1 and 'no estimate at any time; 1 left out, as tensions ' in err
 
 
 def test_what_cannot_be_seen_is_not_called_untouched(short_bag, cli):

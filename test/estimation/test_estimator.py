@@ -179,23 +179,6 @@ def test_covariance_includes_faults_that_are_not_detectable():
     assert trusting_ratio.max() > 3.0 * ratio.max()
 
 
-def test_failed_step_changes_only_counts():
-    unbounded = Unknowns(Walk(1e4, 1e4), tip_force=LIKELY)
-    estimator = Estimator({'tip': rubber(unbounded)})
-    data = [Tensions(TENSIONS, 0.01), TipPosition(tip(), 1e-3)]
-    estimator.add(ORIGIN, data)
-    crushed = Tensions([3e3, 0.0, 0.0, 0.0], 0.1)  # without an equilibrium
-    with pytest.raises(SolveError):
-        estimator.add(ORIGIN + SECOND, [crushed])
-    with pytest.raises(MeasurementError, match='one for each tendon'):
-        estimator.add(ORIGIN + SECOND, [Tensions([1.0], 0.1)])
-    assert estimator.failed == 1 and estimator.consistency['tensions'].accepted == 1
-    other = Estimator({'tip': rubber(unbounded)})
-    other.add(ORIGIN, data)
-    estimate, expected = (e.add(ORIGIN + SECOND // 5, data).estimate for e in (estimator, other))
-    np.testing.assert_allclose(estimate.mean, expected.mean, rtol=0, atol=1e-12)
-
-
 def test_iterations_per_message_are_bounded(monkeypatch):
     model, iterations = rubber(FORCE_AT_TIP), [0]
     follow = model.solver.follow
@@ -415,15 +398,3 @@ def test_single_sensor_restarts_and_restarts_are_bounded():
         bank.add(ORIGIN + step * PERIOD, [readings])
     # After each restart without success the time to the next one doubles.
     assert bank.restarts <= before + 3
-
-
-@pytest.mark.endurance
-def test_restart_with_unknown_place_of_a_force():
-    def force_at(s: float) -> ArmModel:
-        return rubber(Unknowns(STEADY, point_forces=(PointForce(s, LIKELY),)))
-
-    bank = Estimator({'0.1 m': force_at(0.1), '0.2 m': force_at(0.2)}, RULES, change_time=1.0)
-    steps(bank, range(3), [cells, markers])
-    outputs = steps(bank, range(3, 10), [cells, markers], is_moved=True)
-    assert_is(outputs[-1], MOVED)
-    assert sum(outputs[-1].probabilities.values()) == pytest.approx(1.0)

@@ -15,7 +15,6 @@ from octo_arm_model import (
     Config,
     Discs,
     Loads,
-    Pose,
     RectangularBody,
     RestShape,
     Solver,
@@ -172,17 +171,6 @@ def test_effect_of_friction_is_within_the_covariance():
         squares[name] = error @ np.linalg.solve(covariance, error)
     limit = chi2.ppf(0.999, 3)
     assert squares['unknown'] < limit < squares['ignored']
-
-
-def test_estimate_turns_with_the_base_and_what_is_measured():
-    shapes = []
-    for turn in Rotation.identity(), Rotation.from_rotvec([0.3, -0.8, 0.5]):
-        pose = Pose(quaternion=tuple(turn.as_quat().tolist()))
-        model = ArmModel(RUBBER, FORCE_AT_TIP, stations=31, base=pose)
-        tip = TipPosition(turn.apply([0.024, -0.123, 0.083]), 3e-3)  # several steps away
-        estimate = Estimator({'': model}).add(0, [tip]).estimate
-        shapes.append(turn.inv().apply(estimate.backbone.position))
-    np.testing.assert_allclose(*shapes, rtol=0, atol=1e-9)
 
 
 def test_axial_force_on_a_straight_arm_is_not_observable():

@@ -9,7 +9,9 @@ import pytest
 from experiments import (
     FAR,
     HELD,
+    MARKER_S,
     PARAMETERS,
+    TIP_ERRORS,
     bag_of,
     circle,
     description,
@@ -18,11 +20,14 @@ from experiments import (
     one_tendon,
     path_sample,
     recording,
+    seen,
     staircase,
+    staircase_of,
     tension_samples,
+    tf_message,
+    transform,
 )
 from hypothesis import strategies as st
-from labs import MARKER_S, TIP_ERRORS, seen, staircase_of, tf_message, transform
 from numpy.testing import assert_allclose
 from recordings import Sample
 from scipy.spatial.transform import Rotation

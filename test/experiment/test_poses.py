@@ -7,25 +7,23 @@ from typing import Any
 import numpy as np
 import pytest
 from experiments import (
-    PARAMETERS,
-    bag_of,
-    description,
-    nanoseconds,
-    one_tendon,
-    path_sample,
-    tension_samples,
-)
-from labs import (
     MARKER_S,
+    PARAMETERS,
     STATIONS,
     TENSIONS,
     TIP_ERRORS,
     WAYS,
     at_any,
+    bag_of,
+    description,
     marker_bag,
+    nanoseconds,
+    one_tendon,
+    path_sample,
     pose_array,
     seen,
     staircase_of,
+    tension_samples,
 )
 from numpy.testing import assert_allclose
 from recordings import Sample

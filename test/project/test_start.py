@@ -140,15 +140,6 @@ def test_missing_extra_is_named(module, commands):
         assert answer == (2, '', f'octo-arm: error: needs {module}; {hint}\n')
 
 
-def test_missing_viser_is_named():
-    pytest.importorskip('rclpy', reason='needs ROS 2')
-    pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-    status, complaint = run_program('viewer', before=HIDE.format('viser'))
-    hint = "install it with: pip install 'octo_arm_model[viewer]'"
-    assert status == 2
-    assert complaint.endswith(f': error: needs viser; {hint}\n')
-
-
 @pytest.mark.parametrize('program', PROGRAMS)
 def test_ctrl_c_during_imports_ends_a_program_quietly(program):
     status, complaint = run_program(program, before=INTERRUPT)

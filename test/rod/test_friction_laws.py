@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import reference_exact
 import rods
-import strategies
 from differences import along
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -380,20 +379,6 @@ def test_strains_have_the_least_energy_over_strains_and_tendon_positions(s):
     assert_allclose(optimum[:3], strains, atol=2e-4 * np.abs(strains).max())
     assert optimum[3] == pytest.approx(stretch, abs=2e-5)
     assert np.abs(result.x[4:]).max() > 0.01  # tendons move by more than 10 micrometres
-
-
-@settings(max_examples=15, deadline=None)
-@given(loaded=strategies.loaded_arms(2), scale=st.floats(0.2, 5.0))
-def test_shape_scales_with_lengths_and_tensions(loaded, scale):
-    # The stiffness k of a sheath is a modulus: with lengths times c, tensions are times c^2.
-    arm, tensions = loaded
-    soft = {'sheath_stiffness': (20.0 * float(arm.material.youngs_modulus),)}
-    small, large = (
-        dataclasses.replace(one, **soft) for one in (arm, strategies.scaled(arm, scale))
-    )
-    before = Solver(small, 'exact', 31).solve(0.5 * tensions)
-    after = Solver(large, 'exact', 31).solve(0.5 * scale**2 * tensions)
-    assert_allclose(after.position, scale * before.position, atol=1e-8 * scale * arm.length)
 
 
 def test_soft_sheaths_with_friction_do_not_converge(table4):

@@ -40,7 +40,6 @@ from octo_arm_model import (
     modes,
 )
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.stiffness import default_highest
 
 TABLE4 = load_config('renda2012_table4').arm.with_density(1080.0)
 SLACK = np.zeros((3, 4))
@@ -500,20 +499,6 @@ def test_used_dynamics_equal_new_ones(arm, obstacles):
             scale = np.abs(expected).max()
             np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6 * scale)
     assert len(states) > 5
-
-
-@pytest.mark.endurance
-def test_random_commands_never_fail():
-    # Ten minutes with new tensions twice a second, up to the highest of the arm.
-    highest, generator = default_highest(TABLE4), np.random.default_rng(0)
-    dynamics = Dynamics(Solver(TABLE4, 'exact', stations=5, loads=WATERED), WATER)
-    state, tensions, goal = dynamics.at_rest(Inputs(SLACK)), SLACK, SLACK
-    for number in range(120_000):
-        if number % 100 == 0:
-            goal = highest * generator.random((3, 4)) * (generator.random((3, 4)) < 0.4)
-        tensions = tensions + np.clip(goal - tensions, -0.02 * highest, 0.02 * highest)
-        state = dynamics.step(state, Inputs(tensions), 5e-3)
-    assert state.time == pytest.approx(600.0)
 
 
 @pytest.mark.parametrize(

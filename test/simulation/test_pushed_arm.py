@@ -204,23 +204,6 @@ def test_tendons_with_friction_keep_their_history_while_they_are_pushed():
         np.testing.assert_array_equal(anew.tip_pose().position, fresh.tip_pose().position)
 
 
-def test_tendons_keep_their_history_where_a_push_at_the_tip_ends_or_begins():
-    rough = dataclasses.replace(CONFIG, arm=dataclasses.replace(CONFIG.arm, friction=4 * (0.2,)))
-    for before, now in ((FORCE, np.zeros(3)), (np.zeros(3), FORCE)):
-        # One that is pushed by the same forces, and always may be.
-        arms = [PushedArm(rough, Push(tuple(given)), EXACT) for given in (before, FORCE)]
-        for part in (0.6, 1.0, 0.7):
-            for arm in arms:
-                arm.advance(part * TENSIONS, before)
-        other = PushedArm(rough, Push(tuple(now)), EXACT)
-        other.go_on_from(arms[0])
-        tips = []
-        for arm in (other, arms[1]):
-            arm.advance(0.7 * TENSIONS, now)
-            tips.append(arm.tip_pose().position)
-        np.testing.assert_allclose(*tips, rtol=0.0, atol=1e-6)
-
-
 class Tracked:
     """An arm that is pushed, and the estimator of `touched` that is told what its sensors read."""
 
@@ -264,13 +247,6 @@ def test_the_force_that_pushes_the_arm_is_found(name):
         square = contact.wrench[:3] @ np.linalg.solve(known, contact.wrench[:3])
         assert (square > 16.3) == force.any()  # chi-square of 3, 0.1 %
     assert np.mean(errors) < 10.0
-
-
-def test_a_moving_arm_is_measured_by_what_forces_at_a_few_places_explain():
-    config = Config.from_parameters(load_parameters('renda2012_table4'))
-    (resting, _), (moving, _) = touched(config), touched(config, is_moving=True)
-    # Inertia between these places turns the tip.
-    assert resting['sensors.tip_rotation_stddev'] and not moving['sensors.tip_rotation_stddev']
 
 
 def test_a_sensor_under_the_base_is_refused_beside_obstacles():

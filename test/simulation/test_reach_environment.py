@@ -1,7 +1,5 @@
 """The environment of Gymnasium, by its own checker."""
 
-import subprocess
-import sys
 import warnings
 from typing import Any
 
@@ -91,11 +89,3 @@ def test_an_environment_that_could_not_go_on_is_refused(environment, dynamics, g
         environment(dynamics, **given)
     with pytest.raises(OctoArmError, match='target is'):
         environment(dynamics).reset(options={'target': (0.1, np.nan, 0.0)})
-
-
-def test_without_gymnasium_it_says_what_to_install():
-    code = "import sys; sys.modules['gymnasium'] = None; import octo_arm_model.simulation."
-    command = [sys.executable, '-c', f'{code}reach_environment']
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    hint = "needs gymnasium; install it with: pip install 'octo_arm_model[gymnasium]'"
-    assert done.stderr.endswith(f'ModuleNotFoundError: {hint}\n')
