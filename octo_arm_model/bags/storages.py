@@ -303,7 +303,7 @@ class McapFile:
             raise ValueError(f'its summary has {chunks} chunks, and it has {len(self._chunks)}')
         pair = '<HQ'
         pairs = (fields.take(pair) for _ in range(length // struct.calcsize(pair)))
-        counts = Counter({channel: number for channel, number in pairs})
+        counts = Counter[int](dict(pairs))
         if counts.total() != count:
             raise ValueError(f'its summary has {count} messages, and {counts.total()} of topics')
         return counts
