@@ -305,12 +305,23 @@ def obstacle_mesh(
         axis, centre = np.array(obstacle.normal), np.array(obstacle.point)
         centre = middle - axis * ((middle - centre) @ axis)
         along, radius = np.array([-1e-3 * size, 0.0]), np.full(2, size)
-    across = np.linalg.svd(axis[np.newaxis])[2][1:]
-    across[1] = np.cross(axis, across[0])  # a right-handed frame turns the triangles outwards
+    vertices = _revolved(centre + along[:, np.newaxis] * axis, radius, _across(axis), sides)
+    return vertices, tube_triangles(along.size, sides)
+
+
+def _across(axis: FloatArray) -> FloatArray:
+    """Return unit vectors (2, 3) that make a right-handed frame with the unit vector ``axis``."""
+    first = np.linalg.svd(axis[np.newaxis])[2][1]
+    return np.stack([first, np.cross(axis, first)])
+
+
+def _revolved(
+    centres: FloatArray, radius: FloatArray, across: FloatArray, sides: int
+) -> FloatArray:
+    """Return vertices, joined by `tube_triangles`, of circles (rings,) about ``centres``."""
     around = unit_circle(sides).T @ across
-    rings = centre + along[:, np.newaxis] * axis + radius[:, np.newaxis] * around[:, np.newaxis]
-    ends = centre + along[[0, -1], np.newaxis] * axis
-    return np.concatenate([rings.reshape(-1, 3), ends]), tube_triangles(along.size, sides)
+    surface = centres + radius[:, np.newaxis] * around[:, np.newaxis]
+    return np.concatenate([surface.reshape(-1, 3), centres[[0, -1]]])
 
 
 INSIDE = 0.95  # probability that the truth is within a tube or a cone
@@ -396,25 +407,17 @@ class UncertaintyDrawing:
             return None
         scale = min(self._scale, self._longest / size)
         along = force / size
-        across = np.linalg.svd(along[np.newaxis])[2][1:]
+        across = _across(along)
         values, axes = np.linalg.eigh(across @ covariance @ across.T)
+        axes[:, 1] *= np.linalg.det(axes)  # right-handed too, as the triangles face outwards
         reach = scale * np.sqrt(_TWO * np.maximum(values, 0.0))
         end = start + scale * force
-        around = unit_circle(CORNERS)
-        rim = end + (axes @ (reach[:, np.newaxis] * around)).T @ across
+        rim = end + (axes @ (reach[:, np.newaxis] * unit_circle(CORNERS))).T @ across
         cone = np.concatenate([rim, [start, end]])
         neck = end - _HEAD * (end - start)
-        rings = [
-            middle + radius * (around.T @ across)
-            for middle, radius in (
-                (start, self._shaft),
-                (neck, self._shaft),
-                (neck, _WIDER * self._shaft),
-                (end, 0.0),
-            )
-        ]
-        sides = np.stack(rings, axis=1).reshape(-1, 3)
-        return Arrow(start, end, np.concatenate([sides, [start, end]]), cone)
+        radius = self._shaft * np.array([1.0, 1.0, _WIDER, 0.0])
+        shaft = _revolved(np.array([start, neck, neck, end]), radius, across, CORNERS)
+        return Arrow(start, end, shaft, cone)
 
 
 ARROW_TRIANGLES: IntArray = tube_triangles(4, CORNERS)

@@ -20,29 +20,8 @@ import numpy as np
 from octo_arm_model.arm.errors import ConfigError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import axes_of
 from octo_arm_model.rod.solver import Solver
-
-
-def solve_parts(
-    solver: Solver, tensions: FloatArray, first: int = 0
-) -> Iterator[tuple[slice, Backbone | SolveError]]:
-    """Yield the shapes of all sets of ``tensions`` (n, ...), which are numbered from ``first``.
-
-    A batch with a set that has no shape is halved, down to that set, for which its error comes.
-    """
-    part = slice(first, first + len(tensions))
-    try:
-        yield part, solver.solve(tensions)
-    except SolveError as error:
-        half = len(tensions) // 2
-        if not half:
-            yield part, error
-            return
-        yield from solve_parts(solver, tensions[:half], first)
-        yield from solve_parts(solver, tensions[half:], first + half)
-
 
 _POOL_START = 1.5  # typical time in which a pool starts [s]
 _CONNECT = 5.0  # timeout of the connection to a scheduler [s]
@@ -61,17 +40,18 @@ Results = Generator[tuple[int, Solutions], None, None]
 
 
 def _solve(solver: Solver, tensions: FloatArray) -> Solutions:
-    """Return the tips of a chunk, without sets that have no solution."""
-    is_solved = np.ones(len(tensions), bool)
-    tips, directions = [np.empty((0, 3))], [np.empty((0, 3))]
-    for part, shapes in solve_parts(solver, tensions):
-        if isinstance(shapes, SolveError):
-            is_solved[part] = False
-            continue
-        tips.append(shapes.tip)
-        directions.append(axes_of(shapes.quaternion[:, -1])[:, 0].T)
-    # Concatenation copies: views would keep whole backbones in memory.
-    return Solutions(is_solved, np.concatenate(tips), np.concatenate(directions))
+    """Return the tips of a chunk, which is halved down to the sets that have no solution."""
+    try:
+        shapes = solver.solve(tensions)
+    except SolveError:
+        half, nowhere = len(tensions) // 2, np.empty((0, 3))
+        if not half:
+            return Solutions(np.zeros(1, bool), nowhere, nowhere)
+        parts = (_solve(solver, part) for part in (tensions[:half], tensions[half:]))
+        return Solutions(*map(np.concatenate, zip(*parts)))
+    directions = axes_of(shapes.quaternion[:, -1])[:, 0].T
+    # Copies, because views would keep whole backbones in memory.
+    return Solutions(np.ones(len(tensions), bool), shapes.tip.copy(), directions.copy())
 
 
 def on_cores(

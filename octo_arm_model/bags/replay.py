@@ -45,7 +45,6 @@ class TopicReport:
         failed: number of messages for which the model had no trustworthy answer.
         unsorted: number of messages with a stamp before that of the last one.
         skips: stamps [ns] of the first messages that were refused or failed, and the reasons.
-        refusals: counts of missing answers, or poses of the tip, by the reason.
     """
 
     model: str
@@ -54,20 +53,6 @@ class TopicReport:
     failed: int = 0
     unsorted: int = 0
     skips: list[tuple[int, str]] = field(default_factory=list)
-    refusals: Refusals = field(default_factory=Refusals)
-
-    @property
-    def reasons(self) -> dict[str, int]:
-        """The number of missing answers, or poses of the tip, by example of the reason."""
-        return self.refusals.of('')
-
-    def leave_out(self, stamp_ns: int, reason: str, is_failure: bool = False) -> None:
-        """Count a message with a stamp [ns] as refused, or as failed, for a ``reason``."""
-        self.failed += is_failure
-        self.refused += not is_failure
-        self.refusals.count('', reason)
-        if len(self.skips) < _LISTED:
-            self.skips.append((stamp_ns, reason))
 
 
 @dataclass
@@ -76,15 +61,26 @@ class Report:
 
     Attributes:
         topics: report of each topic of tensions or displacements.
+        refusals: counts of missing answers, or poses of the tip, by topic and reason.
         copied: number of messages that were copied.
         not_copied: topics that could not be copied, and the reasons.
         notes: further remarks.
     """
 
     topics: dict[str, TopicReport]
+    refusals: Refusals = field(default_factory=Refusals)
     copied: int = 0
     not_copied: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+
+    def leave_out(self, topic: str, stamp_ns: int, reason: str, is_failure: bool = False) -> None:
+        """Count a message on ``topic`` with a stamp [ns] as refused, or as failed."""
+        counts = self.topics[topic]
+        counts.failed += is_failure
+        counts.refused += not is_failure
+        self.refusals.count(topic, reason)
+        if len(counts.skips) < _LISTED:
+            counts.skips.append((stamp_ns, reason))
 
 
 def _check_answered(path: Path, report: Report) -> None:
@@ -95,7 +91,7 @@ def _check_answered(path: Path, report: Report) -> None:
         if topic.skips:
             number = topic.refused + topic.failed
             problem = f'{path}: none of {number} messages on {name} could be answered, '
-            reason, count = next(iter(topic.reasons.items()))
+            reason, count = next(iter(report.refusals.of(name).items()))
             problem += f'{count} as {reason}'
             raise SolveError(problem) if topic.failed else BagError(problem)
     raise BagError(f'{path}: no messages on {", ".join(report.topics)}')
@@ -188,8 +184,7 @@ def replay(  # noqa: PLR0913 - options by keyword
             messages += output.answer(record, report, table)
         writer.write(messages)
         progress(done, total)
-    for summary in report.topics.values():
-        report.notes += [hint for hint in summary.refusals.hints if hint not in report.notes]
+    report.notes += report.refusals.hints
     _check_answered(reader.path, report)
     report.notes += [note for output in outputs for note in output.notes()]
     report.notes += reader.notes
@@ -241,17 +236,17 @@ class _Answers:
         counts.unsorted += stamp < self._newest.get(topic, stamp)
         self._newest[topic] = stamp
         if reading.is_refused:
-            counts.leave_out(stamp, reading.reason)
+            report.leave_out(topic, stamp, reading.reason)
             return []
         try:
             answer, messages = self._answer(reading)
         except OctoArmError as error:
             # Displacements may be of tendons that the arm does not have.
-            counts.leave_out(stamp, str(error), isinstance(error, SolveError))
+            report.leave_out(topic, stamp, str(error), isinstance(error, SolveError))
             return []
         counts.answered += 1
         if answer.unknown is not None:
-            counts.refusals.count('', f'{TIP_POSE} unknown: {answer.unknown}')
+            report.refusals.count(topic, f'{TIP_POSE} unknown: {answer.unknown}')
         if table is not None:
             table.write(topic, stamp, answer.backbone, self._tendons)
         received_ns = record.received_ns

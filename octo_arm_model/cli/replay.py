@@ -123,9 +123,9 @@ def run(options: argparse.Namespace) -> None:
     elapsed = time.monotonic() - start
     if options.json:
         content = dataclasses.asdict(report)
-        for name, topic in report.topics.items():
-            content['topics'][name]['reasons'] = topic.reasons
-            del content['topics'][name]['refusals']  # which these are a summary of
+        del content['refusals']
+        for name in report.topics:
+            content['topics'][name]['reasons'] = report.refusals.of(name)
         content |= {'out': str(options.out), 'duration': duration, 'elapsed': elapsed}
         print(json.dumps(content))
     else:
@@ -145,7 +145,7 @@ def summary(report: Report) -> str:
         ):
             if count:
                 lines.append(f'  {count} {what}')
-        for reason, count in topic.reasons.items():
+        for reason, count in report.refusals.of(name).items():
             lines.append(f'  {count} as {reason}')
         for stamp_ns, reason in topic.skips[:10]:
             lines.append(f'  {stamp_ns * 1e-9:.6f} s: {reason}')
