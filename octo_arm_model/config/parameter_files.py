@@ -88,14 +88,6 @@ def load_parameters(name: str | Path) -> dict[str, Any]:
         return parameters_of(read_text(path, MAX_YAML_BYTES))
 
 
-def text_of_nodes(nodes: Nodes) -> str:
-    """Return the text of a parameter file of these ``nodes`` that rcl reads too.
-
-    rcl reads neither aliases, nor a list of integers and floats, nor anything besides nodes.
-    """
-    return ''.join(dump_yaml({name: {'ros__parameters': values}}) for name, values in nodes)
-
-
 def parse_parameters(text: str, name: str) -> dict[str, Any]:
     """Return the parameters in the ``text`` of a file, which errors call ``name``.
 
@@ -106,9 +98,12 @@ def parse_parameters(text: str, name: str) -> dict[str, Any]:
         return parameters_of(text)
 
 
-def parameters_as_yaml(values: Mapping[str, Any]) -> str:
-    """Return the text of a ROS parameter file with these ``values`` by their dotted names."""
-    return dump_yaml({'/**': {'ros__parameters': dict(values)}})
+def parameters_as_yaml(values: Mapping[str, Any], node: str = '/**') -> str:
+    """Return the text of a ROS parameter file with these ``values`` by their dotted names.
+
+    rcl reads neither aliases, nor a list of integers and floats, nor anything besides nodes.
+    """
+    return dump_yaml({node: {'ros__parameters': dict(values)}})
 
 
 @contextlib.contextmanager

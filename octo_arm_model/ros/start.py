@@ -83,8 +83,8 @@ def read_here(arguments: Sequence[str]) -> Iterator[list[str]]:
     with contextlib.ExitStack() as stack:
         try:
             path = Path(stack.enter_context(tempfile.TemporaryDirectory())) / 'parameters.yaml'
-            text = parameter_files.text_of_nodes(list(merged.items()))
-            path.write_text(text, encoding='utf-8')
+            texts = (parameter_files.parameters_as_yaml(own, node) for node, own in merged.items())
+            path.write_text(''.join(texts), encoding='utf-8')
         except OSError as error:
             raise ConfigError(f'parameters cannot be handed to ROS: {error}') from error
         yield [*passed_on[:position], '--params-file', str(path), *passed_on[position:]]
