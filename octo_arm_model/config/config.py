@@ -25,32 +25,21 @@ from octo_arm_model.rod.solver import Solver
 
 @dataclass(frozen=True)
 class Config:
-    """The contents of a parameter file.
+    """The contents of a parameter file; what is not listed is the parameter of that name.
 
     Attributes:
         arm: the arm.
         base: pose of the base in ``base_frame``.
-        model: name of the model.
-        stations: number of stations along the backbone.
-        base_frame: name of the frame in which the backbone is expressed.
-        frame_prefix: prefix of the names of the frames of tip and anchorages.
         law: name of the elastic law of the model exact.
         shear: whether cross sections shear.
         loads: loads on the arm besides its tendons.
         motion: damping of the material, drag and added mass of the water, for an arm that moves.
         uncertainty: standard deviations of tensions, displacements, material and tendon offsets.
-        friction_memory: gap between tensions after which the history of tendons with friction is
-            forgotten [s]; 0 for never.
-        markers_rate: highest rate of the node's markers [Hz]; 0 for every shape.
         diagnostic_limits: thresholds of the node's diagnostics.
         tendon_limits: largest tension that may be commanded of each tendon [N]; empty for the
             defaults of `simulation.movements`.
         load_cells: calibration of the load cells.
         encoders: calibration of the encoders of the winches.
-        tension_type: type of additional messages with tensions for the node; empty for none.
-        tension_field: field of these messages that holds the tensions.
-        displacement_type: type of additional messages with readings of encoders; empty for none.
-        displacement_field: field of these messages that holds the readings.
         solve_budget: iterations and time that a solve of a loaded arm may take in the node.
     """
 
