@@ -235,7 +235,7 @@ class _Answers:
         stamp, counts = reading.stamp.ns, report.topics[topic]
         counts.unsorted += stamp < self._newest.get(topic, stamp)
         self._newest[topic] = stamp
-        if reading.is_refused:
+        if reading.reason:
             report.leave_out(topic, stamp, reading.reason)
             return []
         try:

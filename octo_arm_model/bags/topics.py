@@ -72,11 +72,6 @@ class Reading(NamedTuple):
     reason: str
     displacements: dict[str, float] | None = None
 
-    @property
-    def is_refused(self) -> bool:
-        """Whether there are neither tensions nor displacements."""
-        return self.tensions is None and self.displacements is None
-
 
 class Source(NamedTuple):
     """A topic, and perhaps a field, that tensions or displacements are read from.

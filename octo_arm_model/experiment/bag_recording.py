@@ -240,7 +240,7 @@ def read_readings(
     for record in reader.messages([source.topic]):
         count.add()
         reading = source.read(reader, config, record, raw=raw)
-        if reading.is_refused or reading.displacements == {}:
+        if reading.reason or reading.displacements == {}:
             refusals.count(source.topic, reading.reason or NO_READING)
             continue
         row = reading.tensions

@@ -1,6 +1,7 @@
 """Time stamps of messages, and counts of messages left out, by reason."""
 
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -62,7 +63,7 @@ class Refusals:
         examples: the first full reason of each of these.
     """
 
-    counts: dict[tuple[str, str], int] = field(default_factory=dict)
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
     examples: dict[tuple[str, str], str] = field(default_factory=dict)
 
     def count(self, topic: str, reason: str) -> None:
@@ -70,25 +71,23 @@ class Refusals:
         key = topic, _NUMBER.sub('#', reason)
         if key not in self.counts and len(self.counts) >= _MOST:
             key, reason = (topic, _OTHER), _OTHER
-        self.counts[key] = self.counts.get(key, 0) + 1
+        self.counts[key] += 1
         self.examples.setdefault(key, reason)
 
     @property
     def total(self) -> int:
         """Number of messages left out."""
-        return sum(self.counts.values())
+        return self.counts.total()
 
     def of(self, topic: str) -> dict[str, int]:
         """Return the counts on one ``topic`` by example of the reason, most frequent first."""
-        reasons = [(self.examples[key], n) for key, n in self.counts.items() if key[0] == topic]
-        return dict(sorted(reasons, key=lambda pair: -pair[1]))
+        return {self.examples[k]: n for k, n in self.counts.most_common() if k[0] == topic}
 
     def lines(self) -> list[str]:
         """Return a line for each topic (if not '') and reason, most frequent first, and hints."""
-        ordered = sorted(self.counts.items(), key=lambda item: -item[1])
         lines = [
             f'{topic and f"{topic}: "}{count} left out, as {self.examples[topic, kind]}'
-            for (topic, kind), count in ordered
+            for (topic, kind), count in self.counts.most_common()
         ]
         return lines + self.hints
 
