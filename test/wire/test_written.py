@@ -101,9 +101,7 @@ def test_backbones_are_serialised_as_by_ros(frame, model, stations, stamps, seed
     backbones = [random_backbone(stations, model, seed + number) for number in range(len(stamps))]
     backbones = [dataclasses.replace(each, section=backbones[0].section) for each in backbones]
     writer, zero = writer_for(backbones[0], frame), np.zeros((6, 6))
-    written = [
-        tuple(writer.all(each, zero, *stamp).values()) for each, stamp in zip(backbones, stamps)
-    ]
+    written = [writer.all(each, zero, *stamp).values() for each, stamp in zip(backbones, stamps)]
     # Compared after all are written: a message must not change with the next one.
     for ours, each, stamp in zip(written, backbones, stamps, strict=True):
         for data, message in zip(ours, messages_with_tip(each, frame, stamp, zero), strict=True):
