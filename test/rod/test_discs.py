@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from rods import THIRDS, tendon_points
+from rods import METAL, THIRDS, tendon_points
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
@@ -107,6 +107,31 @@ def test_distances_of_the_tip_in_the_manual_are_reproduced():
         tips.append(Solver(bent, 'exact', material='linear').solve([[2, 0, 0], [2, 0, 0]]).tip)
     distances = 100.0 * np.linalg.norm(np.array(tips[1:]) - tips[0], axis=1) / arm.length
     assert_allclose(distances, [28.0, 3.2, 0.8], rtol=0.04)
+
+
+@pytest.mark.parametrize(
+    'discs, tip',
+    [
+        (0, [[0.301831168, -0.109975349, 0.206738668], [0.396384404, -0.018834402, 0.035628664]]),
+        (10, [[0.292288507, -0.114076779, 0.214988626], [0.396048700, -0.019749030, 0.037515347]]),
+    ],
+)
+def test_tips_are_those_of_shooting_codes(discs, tip):
+    # Rucker and Webster's equations with shear, and rods between discs, by other people's codes of
+    # Runge and Kutta, in which a tendon that goes on past an anchorage pulls at its kink there.
+    angles = (0.5 * math.pi, -math.pi / 6.0, 7.0 * math.pi / 6.0)
+    arm = dataclasses.replace(
+        METAL,
+        sections=tuple(Section(end, 0.01, 0.01, angles) for end in (0.4, 0.2)),
+        discs=Discs.evenly(discs, 0.4),
+    )
+    tensions = [[[1.5, 0.5, 0.0], [2.5, 0.0, 1.0]], [[0.0, 0.0, 2.0], [0.0, 1.0, 0.0]]]
+    wrenches = [
+        [0.02, -0.05, 0.04, 0.002, 0.001, -0.003],
+        [-0.04, 0.03, 0.06, 0.004, -0.002, 1e-3],
+    ]
+    shapes = solver(arm, shear=True).solve(tensions, wrenches)
+    assert_allclose(shapes.tip, tip, rtol=0.0, atol=2e-9)
 
 
 def test_friction_acts_at_every_hole_and_has_hysteresis():
