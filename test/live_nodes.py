@@ -67,6 +67,15 @@ RELIABLE = {
 }
 # A budget of solves for busy machines, for tests of other things.
 AFFORDED = {'solve_budget.seconds': 60.0}
+# An arm that moves, strongly damped.
+MOVING = {
+    'dynamics': True,
+    'model': 'exact',
+    'material.density': 1080.0,
+    'motion.damping_time': 0.3,
+    'stations': 21,
+    'rate': 20.0,
+}
 OUTPUTS = {
     'backbone/path': Path,
     'backbone/poses': PoseArray,

@@ -80,9 +80,6 @@ def test_numbers_that_are_one_for_the_whole_arm_are_no_profiles():
             make(Constant(0.1))
 
 
-# Rounding --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize('length', [0.3, 0.45, 0.7, 1.1])
 @pytest.mark.parametrize('base', [0.0033, 0.0075, 0.011])
 def test_tendon_can_end_on_the_midline(length, base):
@@ -108,9 +105,6 @@ def test_numbers_of_sections_and_tendons_are_bounded():
     many = Section(0.4, 0.0, 0.0, angles=(0.0,) * 257)
     with pytest.raises(ArmDefinitionError, match='number of tendons is 257, expected at most 256'):
         Arm(MATERIAL, BODY, (many,))
-
-
-# The force that bends an arm ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('part', [0.1, 0.02])
@@ -147,9 +141,6 @@ def test_errors_show_names_without_control_characters():
     with pytest.raises(TensionError, match='unknown tendon tendon') as caught:
         check_displacements(arm, {HOSTILE: 0.1}, {})
     assert str(caught.value).isprintable()
-
-
-# Loads and uncertainties -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('value', [math.nan, -0.1, 'much', True])

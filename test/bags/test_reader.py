@@ -237,9 +237,6 @@ def test_messages_of_several_files_come_in_the_order_of_receipt(tmp_path, storag
             list(reader.messages())
 
 
-# Tensions ----------------------------------------------------------------------------------------
-
-
 def test_bytes_that_are_no_message_are_refused_with_the_time_of_receipt(tmp_path):
     content = samples(ARM, tensions := random_tensions(ARM, 3))
     content[1] = content[1]._replace(data=b'\0\1\0\0garbage')

@@ -1,32 +1,73 @@
 """`octo-arm estimate`: two commands tell where and how hard an arm was touched."""
 
 import csv
+import dataclasses
 import json
 import re
 
 import numpy as np
 import pytest
-from touched_demo import FORCE, MARKERS, PARAMETERS, PUSH, TOUCHED, record, touched, touched_bag
 
-from octo_arm_model.bags.outputs import true_config
+pytest.importorskip('rosbags', reason='needs rosbags')
+from octo_arm_model.bags.outputs import (
+    TOUCH_DIRECTION,
+    Experiment,
+    add_demo,
+    custom_data,
+    true_config,
+)
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.types import known_types
+from octo_arm_model.bags.writer import BagWriter
 from octo_arm_model.cli.main import main
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.wire.estimate import read_covariance
 
+PARAMETERS = {**load_parameters('renda2012_prototype'), 'stations': 31}
+FORCE, HOLD, RAMP = 0.02, 2.0, 0.5
+PUSH = FORCE * np.array(TOUCH_DIRECTION)
+TOUCHED = 4 * (HOLD + RAMP) + np.array([0.1875, 0.8125]) * HOLD  # times of the full force [s]
+# Few messages.
+EXPERIMENT = Experiment(
+    stiffness=1.0,
+    touch=FORCE,
+    hold=HOLD,
+    ramp=RAMP,
+    tension_rate=5.0,
+    marker_rate=5.0,
+    camera_rate=2.5,
+    clock_offset=0.0,
+    dropped=0.0,
+    outliers=0.0,
+)
+MARKERS = (0.09, 0.18)
 TIP = ('--markers', '-')
 MARKED = ('--marker-s', *MARKERS)
 
 
+def record(path, **changes):
+    """Write a bag of `EXPERIMENT` with ``changes``."""
+    experiment = dataclasses.replace(EXPERIMENT, **changes)
+    with BagWriter(path, custom=custom_data(experiment)) as writer:
+        add_demo(writer, PARAMETERS, experiment)
+    return path
+
+
+@pytest.fixture(scope='module')
+def touched_bag(tmp_path_factory):
+    """With markers."""
+    return record(tmp_path_factory.mktemp('touched') / 'bag', markers=MARKERS)
+
+
 @pytest.fixture(scope='module')
 def short_bag(tmp_path_factory):
-    """Of few messages."""
+    """Shorter."""
     path = tmp_path_factory.mktemp('short') / 'bag'
     return record(path, hold=0.8, ramp=0.2, tension_rate=10.0, camera_rate=5.0, marker_rate=5.0)
 
 
-def test_the_summary_says_when_and_how_hard(cli):
-    status, out, _ = cli('estimate', str(touched_bag()), *TIP, '--clock-offset', '0')
+def test_the_summary_says_when_and_how_hard(touched_bag, cli):
+    status, out, _ = cli('estimate', str(touched_bag), *TIP, '--clock-offset', '0')
     assert status == 0
     lines = out.splitlines()
     (touch,) = [line for line in lines if line.startswith('touched')]
@@ -45,9 +86,9 @@ def test_the_summary_says_when_and_how_hard(cli):
 
 @pytest.mark.parametrize('how', [(), ('--smooth',)], ids=['filter', 'smoother'])
 def test_a_touch_is_found_when_where_and_as_hard_as_it_was_and_bands_hold_the_truth(
-    how, tmp_path, cli
+    touched_bag, how, tmp_path, cli
 ):
-    said = cli.json('estimate', touched_bag(), *MARKED, *how, '--csv', tmp_path, '--json')
+    said = cli.json('estimate', touched_bag, *MARKED, *how, '--csv', tmp_path, '--json')
     (touch,) = said['touches']
     # It grows before and falls after the times of its full size.
     assert TOUCHED[0] - 0.2 < touch['start'] <= TOUCHED[0] + 0.25
@@ -65,15 +106,15 @@ def test_a_touch_is_found_when_where_and_as_hard_as_it_was_and_bands_hold_the_tr
     ]
     time, *both = np.array([[float(row[name]) for name in names] for row in rows]).T
     force, stddev = np.reshape(both, (2, 3, -1))
-    corners, _ = touched().schedule(true_config(PARAMETERS, touched()))
-    inside = np.abs(force - touched().touches(time, corners).T) <= 1.96 * stddev
+    corners, _ = EXPERIMENT.schedule(true_config(PARAMETERS, EXPERIMENT))
+    inside = np.abs(force - EXPERIMENT.touches(time, corners).T) <= 1.96 * stddev
     # Where the arm is straight the prior of the force along it does not hold what never acts.
     assert inside[:, time > corners[3]].mean() > 0.9
 
 
-def test_the_place_of_a_touch_is_told_by_probabilities(cli):
+def test_the_place_of_a_touch_is_told_by_probabilities(touched_bag, cli):
     places = '--contact', 'somewhere', '0.12', '0.27'
-    said = cli.json('estimate', touched_bag(), *MARKED, *places, '--json')
+    said = cli.json('estimate', touched_bag, *MARKED, *places, '--json')
     (touch,), means = said['touches'], said['hypotheses']
     assert touch['contact'] == '0.27 m' and touch['start'] <= np.mean(TOUCHED) <= touch['stop']
     assert set(means) == {'none', '0.12 m', '0.27 m'} and means['none'] > 0.8
@@ -85,10 +126,10 @@ def test_without_a_touch_none_is_found(tmp_path, cli):
     assert not said['touches'] and said['innovations']['markers']['accepted'] > 60
 
 
-def test_an_arm_that_was_lost_is_found_again_and_told(cli):
+def test_an_arm_that_was_lost_is_found_again_and_told(touched_bag, cli):
     # Tensions change by more than 0.01 N in a second, which is what is told.
     lost = '--tension-rate', '0.01', '--recover-after', '1'
-    said = cli('estimate', touched_bag(), *MARKED, *lost)[1]
+    said = cli('estimate', touched_bag, *MARKED, *lost)[1]
     assert 2.0 < float(re.search(r'reset at (\S+) s', said)[1]) < 3.5
 
 

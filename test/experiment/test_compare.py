@@ -39,8 +39,8 @@ from octo_arm_model.experiment import recording as recordings
 from octo_arm_model.experiment.camera import Alignment, clock_offset, undetermined
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fit import fit_alignment, followed
-from octo_arm_model.experiment.midlines import Curve, is_tip_first, midline_errors, resample
-from octo_arm_model.experiment.observations import POINTS, Pairing, mean_shape, observe
+from octo_arm_model.experiment.midlines import Curve, is_tip_first, midline_errors
+from octo_arm_model.experiment.observations import POINTS, Pairing, observe
 from octo_arm_model.experiment.read_recording import read_recording
 from octo_arm_model.experiment.recording import MarkerSources, Recording
 from octo_arm_model.experiment.sensor_recording import tension_statistics
@@ -245,20 +245,6 @@ def test_the_end_that_stays_is_the_base():
     with pytest.raises(MeasurementError, match='--base-end first or last'):
         is_tip_first(lines[:1], None)
     assert is_tip_first([lines[0][::-1]], np.zeros(3))[0] is True
-
-
-def test_a_step_is_the_mean_of_its_frames_without_the_outliers():
-    rng = np.random.default_rng(2)
-    arc = resample(circle(), np.linspace(0.0, 1.0, 40))
-    lines = [arc + 1e-3 * rng.standard_normal(arc.shape) for _ in range(40)]
-    for line in lines[::8]:
-        line[20:] += [0.0, 0.03, 0.02]
-    shape = mean_shape(Window(0.0, 1.0, np.ones(1), np.zeros(1)), lines)
-    assert (shape.frames, shape.outliers) == (35, 5)
-    assert shape.noise == pytest.approx(1e-3 * 3**0.5, rel=0.3)
-    expected = resample(circle(), np.linspace(0.0, 1.0, POINTS))
-    # Better than one frame, by about the root of their number.
-    assert np.sqrt(((shape.points - expected) ** 2).sum(axis=1).mean()) < 5e-4
 
 
 # Bags --------------------------------------------------------------------------------------------

@@ -274,9 +274,6 @@ def test_compliances_are_symmetric_and_reciprocal(name):
     assert_allclose(actual, expected, atol=1e-8 * np.abs(expected).max())
 
 
-# Uncertainty -----------------------------------------------------------------------------------
-
-
 def test_tip_covariance_is_the_sum_over_all_inputs(solved):
     # Deviations of E and nu are relative.
     by, deviation = solved.sensitivity, Uncertainty(0.01, 0.02, 0.03, 1e-4)

@@ -114,9 +114,6 @@ def test_converging_tendon_loses_tension_at_the_anchorage_of_another():
     assert_allclose(backbone.tendon_tensions[-1, :4], expected, rtol=1e-6)
 
 
-# Balance, from positions only -------------------------------------------------------------------
-
-
 @settings(max_examples=20, deadline=None)
 @given(loaded_arms(3), fractions(0.01, 0.6), st.sampled_from(MODELS))
 def test_tension_falls_with_the_angle_of_the_tendon(case, friction, model):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -100,9 +101,6 @@ def test_tensions_of_unequal_sections_are_flat_or_rows():
         solver.solve(PULLS[:6])
     with pytest.raises(TensionError, match=r'tension of tendon_2_1 is -0\.6 N'):
         solver.solve([0.4, 0.1, 0.0, -0.6, 0.0, 0.2, 0.3])
-
-
-# In a file --------------------------------------------------------------------------------------
 
 
 def test_parameters_describe_tables_tendons_and_loads():
@@ -326,22 +324,25 @@ def test_stretched_bent_rubber_has_the_curvature_of_a_ring():
 
 # Errors -----------------------------------------------------------------------------------------
 
+PLAIN = Arm(SOFT, CONE, (Section(0.3, 0.0, 0.0),))
+OF_PLAIN, OF_TUBE = partial(dataclasses.replace, PLAIN), partial(dataclasses.replace, TUBE)
+
 
 @pytest.mark.parametrize(
     ('arm', 'what'),
     [
         (HELICAL, 'section 2, whose tendons are not straight along n, b, -n, -b'),
         (
-            Arm(SOFT, ProfiledBody(0.3, Linear(0.012, 0.006, 0.3)), (Section(0.3, 0.004, 0.004),)),
-            'a body whose radius is not linear in s',
+            OF_PLAIN(body=ProfiledBody(0.3, Linear(0.012, 0.006, 0.3))),
+            'a body whose radius is not',
         ),
         (
-            Arm(Material(Table((0.0, 0.3), (1e5, 2e5))), CONE, (Section(0.3, 0.004, 0.004),)),
+            OF_PLAIN(material=Material(Table((0.0, 0.3), (1e5, 2e5)))),
             'a material that varies along s',
         ),
         (TUBE, 'tubes'),
-        (dataclasses.replace(TUBE, stiffness=GivenStiffness(axial=1.0)), 'sections of given'),
-        (dataclasses.replace(TUBE, body=Body(LENGTH, 0.01, 0.01), rest=HELIX), 'an arm that is b'),
+        (OF_TUBE(stiffness=GivenStiffness(axial=1.0)), 'sections of given'),
+        (OF_TUBE(body=Body(LENGTH, 0.01, 0.01), rest=HELIX), 'an arm that is b'),
     ],
 )
 def test_renda2012_refuses_arms_beyond_the_paper(arm, what):
@@ -363,67 +364,45 @@ def test_papers_models_refuse_discs_sheaths_and_loads(table4, papers_model):
     papers.solve(np.zeros((3, 4)), np.zeros(6))
 
 
+def routed(offset):
+    """A section with one tendon at ``offset``."""
+    return RoutedSection(0.3, (Tendon(offset, Constant(0.0)),))
+
+
 @pytest.mark.parametrize(
     ('build', 'message'),
     [
-        (lambda: Arm(SOFT, ProfiledBody(0.3, Constant(-1.0)), ()), 'sections is ()'),
-        (
-            lambda: Arm(SOFT, ProfiledBody(0.3, Linear(0.01, -0.001, 0.3)), (Section(0.3, 0, 0),)),
-            'body.radius at s = ',
-        ),
+        (lambda: OF_PLAIN(sections=()), 'sections is ()'),
+        (lambda: OF_PLAIN(body=ProfiledBody(0.3, Linear(1, -0.1, 0.3))), 'body.radius at s = '),
         (lambda: ProfiledBody(0.3, Table((0.0, 0.2), (0.01, 0.01))), 'last s of body.profile is'),
-        (
-            lambda: Arm(Material(Constant(0.0)), CONE, (Section(0.3, 0, 0),)),
-            'material.youngs_modulus at s = 0 m is 0.0, expected a finite number > 0 [Pa]',
-        ),
-        (
-            lambda: Arm(Material(1e5, Constant(0.6)), CONE, (Section(0.3, 0, 0),)),
-            'material.poisson_ratio at s = 0 m is 0.6, expected a finite number in (-1, 0.5]',
-        ),
+        (lambda: OF_PLAIN(material=Material(Constant(0.0))), 'material.youngs_modulus at s = 0 m'),
+        (lambda: OF_PLAIN(material=Material(1e5, Constant(0.6))), 'material.poisson_ratio at s ='),
         (lambda: Material.from_moduli(3e5, 5e4), 'material.shear_modulus is 50000.0'),
         (lambda: Section(0.3, 0.0, 0.0, angles=()), 'section.angles is (), expected at least one'),
         (lambda: Section(0.3, 0.0, 0.0, twist=(1.0,)), 'section.twist is (1.0,), expected 4'),
         (lambda: Section(0.3, 0.0, 0.0, angles=(math.nan,)), 'section.angles is nan, expected'),
         (lambda: RoutedSection(0.3, ()), 'section.tendons is (), expected at least one tendon'),
-        (
-            lambda: RoutedSection(0.3, (Tendon(Table((0.0, 0.2), (0.0, 0.0)), Constant(0.0)),)),
-            'last s of section.tendons[1].offset is 0.2, expected at least 0.3 [m]',
-        ),
-        (
-            lambda: Arm(
-                SOFT, CONE, (RoutedSection(0.3, (Tendon(Constant(0.007), Constant(0.0)),)),)
-            ),
-            'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod',
-        ),
+        (lambda: routed(Table((0.0, 0.2), (0.0, 0.0))), 'last s of section.tendons[1].offset is'),
+        (lambda: OF_PLAIN(sections=(routed(Constant(0.007)),)), 'sections[1].tendons[1].offset i'),
         (
             lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
             'sections[1].offset_base is 0.021, expected at most the radius of the discs',
         ),
         (
-            lambda: dataclasses.replace(TUBE, body=Body(LENGTH, 1e-3, 5e-4, 0.01, 8e-4)),
+            lambda: OF_TUBE(body=Body(LENGTH, 1e-3, 5e-4, 0.01, 8e-4)),
             'body.inner_radius at s = 0.0804688 m is 0.0008, expected less than the radius',
         ),
         (lambda: RectangularBody(LENGTH, 0.0, 1e-3), 'body.width is 0.0, expected a finite num'),
-        (
-            lambda: dataclasses.replace(STRIP, body=RectangularBody(LENGTH, 0.1, 0.01)),
-            'sections[1].tendons[2].offset is 0.008, expected such that the tendon is within the',
-        ),
+        (lambda: OF_TUBE(body=RectangularBody(LENGTH, 0.1, 0.01)), 'sections[1].tendons[2].offse'),
         (lambda: GivenStiffness(axial=-1.0), 'stiffness.axial is -1.0, expected a finite stiffn'),
         (
-            lambda: dataclasses.replace(
-                TUBE, stiffness=GivenStiffness(bending_n=Linear(1, -1, 0.2))
-            ),
+            lambda: OF_TUBE(stiffness=GivenStiffness(bending_n=Linear(1, -1, 0.2))),
             'stiffness.bending_n at s = 0.1 m is 0.0, expected a finite number > 0',
         ),
-        (
-            lambda: dataclasses.replace(TUBE, rest=RestShape(curvature_n=130.0)),
-            'rest_curvature at s = 0 m is 130.0, expected less than 1 over the distance of what',
-        ),
+        (lambda: OF_TUBE(rest=RestShape(curvature_n=130.0)), 'rest_curvature at s = 0 m is 130.0'),
         (lambda: RestShape(torsion=math.nan), 'rest_torsion is nan, expected a finite number'),
         (
-            lambda: Dynamics(
-                Solver(STRIP, 'exact', material='linear'), MotionProperties(normal_drag=1.0)
-            ),
+            lambda: Dynamics(Solver(STRIP, 'exact'), MotionProperties(normal_drag=1.0)),
             'motion.normal_drag is 1.0, expected 0 of a rectangular body',
         ),
     ],

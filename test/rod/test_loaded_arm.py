@@ -59,9 +59,6 @@ def assert_same(shape: Backbone, expected: Backbone, atol: float) -> None:
         assert_allclose(a, b, atol=100 * atol * (np.abs(b).max() + 1.0))
 
 
-# Zero loads ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize('law', LAWS)
 @pytest.mark.parametrize(
     'loads',
@@ -85,23 +82,6 @@ def test_zero_loads_give_the_unloaded_shape(law, loads):
 
 
 # Textbooks -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('law', LAWS)
-@pytest.mark.parametrize('tip_radius', [0.01, 0.004])
-def test_small_tip_force_deflects_as_in_beam_theory(law, tip_radius):
-    arm, force = rod_of(0.5, 0.01, tip_radius, 1e6), 1e-6
-    shape = Solver(arm, 'exact', material=law).solve(
-        [[0.0]], (0.0, 0.6 * force, 0.8 * force, *3 * [0.0])
-    )
-
-    def compliance(s):
-        return (0.5 - s) ** 2 / (1e6 * math.pi * float(arm.body.radius(s)) ** 4 / 4.0)
-
-    expected = force * quad(compliance, 0.0, 0.5, epsrel=1e-12)[0]
-    if tip_radius == 0.01:
-        assert expected == pytest.approx(force * 0.5**3 / (3 * 1e6 * math.pi * 1e-8 / 4))
-    assert_allclose(shape.tip[1:], expected * np.array([0.6, 0.8]), rtol=2e-6)
 
 
 def test_shear_adds_the_timoshenko_deflection():
@@ -133,19 +113,6 @@ def test_large_tip_force_gives_the_elastica(end_angle):
     assert math.atan2(tangent[2], tangent[0]) == pytest.approx(end_angle, abs=1e-6)
 
 
-@pytest.mark.parametrize('turns', [0.01, 0.4, 1.3])
-def test_tip_moment_bends_a_uniform_rod_into_an_arc(turns):
-    arm, curvature = rod_of(0.5, 0.005), 2.0 * math.pi * turns / 0.5
-    moment = curvature * 1e9 * math.pi * 0.005**4 / 4.0
-    shape = Solver(arm, 'exact', material='linear', loads=Loads(tip_moment=(0, 0, moment))).solve(
-        [[0.0]]
-    )
-    angle = curvature * shape.s
-    expected = np.stack([np.sin(angle), 1 - np.cos(angle), 0 * angle], axis=1) / curvature
-    assert_allclose(shape.position, expected, atol=1e-8)
-    assert_allclose(shape.k, curvature, rtol=1e-9)
-
-
 @pytest.mark.parametrize('law', LAWS)
 # The upward case is below the buckling load.
 @pytest.mark.parametrize('gravity', [9.81, -0.5])
@@ -172,33 +139,6 @@ def test_stretch_of_hanging_and_standing_arms_equals_that_of_their_weight(law, g
         uniform = Solver(rod_of(length, 0.02, young=1e5), 'exact', material='linear', loads=loads)
         elongation = 1000 * gravity * length**2 / (2 * 1e5)
         assert uniform.solve([[0.0]]).tip[0] == pytest.approx(length + elongation, abs=1e-10)
-
-
-def test_column_below_eulers_load_stays_straight():
-    arm = rod_of(1.0, 0.002)
-    euler = math.pi**2 * 1e9 * math.pi * 0.002**4 / 4.0 / 4.0
-    solver = Solver(arm, 'exact', material='linear')
-    shape = solver.solve([[0.0]], (-0.9 * euler, 0.0, 0.0, 0.0, 0.0, 0.0))
-    assert_allclose(shape.position[:, 1:], 0.0, atol=1e-12)
-    # The deflection by a small transverse force increases towards Euler's load.
-    small = 1e-4 * euler
-    shape = solver.solve([[0.0]], (-0.9 * euler, small, 0.0, 0.0, 0.0, 0.0))
-    u = math.pi / 2 * math.sqrt(0.9)
-    assert shape.tip[1] == pytest.approx(1e-4 / 0.9 * (math.tan(u) / u - 1.0), rel=1e-4)
-
-
-def test_buckled_column_equals_the_elastica():
-    arm = rod_of(1.0, 1e-4)
-    bending = 1e9 * math.pi * 1e-16 / 4.0
-    # End angle 60 degrees: m = sin^2(30 degrees), K(m) = L sqrt(P / E J).
-    m = math.sin(math.pi / 6.0) ** 2
-    force = float(ellipk(m)) ** 2 * bending
-    solver = Solver(arm, 'exact', material='linear')
-    start = solver.solve([[0.0]], (-force, 0.05 * force, 0.0, 0.0, 0.0, 0.0))
-    shape = solver.solve([[0.0]], (-force, 0.0, 0.0, 0.0, 0.0, 0.0), start=start)
-    across = 2.0 * math.sqrt(m) / ellipk(m)
-    along = 2.0 * ellipe(m) / ellipk(m) - 1.0
-    assert_allclose(shape.tip, [along, across, 0.0], atol=1e-6)
 
 
 # Equivalent loads ------------------------------------------------------------------------------
@@ -331,9 +271,6 @@ def test_positions_have_the_accuracy_of_the_solver(table4, law, modulus):
             for accuracy in (1e-8, 1e-11)
         ]
         assert_allclose(*positions, rtol=0.0, atol=1e-8 * arm.length)
-
-
-# Boundary value solver -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -473,9 +410,6 @@ def test_all_loads_are_bounded(table4, discs, factor, way):
         for wrench in ((*vector, *zero), (*zero, *vector)):
             with pytest.raises(LoadError, match=r'on the tip is .*, expected at most'):
                 solver.solve(np.zeros((3, 4)), wrench)
-
-
-# Coiled arms ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('turns', [1, 2, 5])

@@ -188,7 +188,7 @@ def test_damped_arm_ends_at_the_static_equilibrium(arm, tensions, allowed):
     assert np.abs(dynamics.velocities(state)).max() < 1e-7
 
 
-# Water -------------------------------------------------------------------------------------------
+# Water, a base that moves, friction --------------------------------------------------------------
 
 
 def test_drag_equals_the_weight_at_the_terminal_speed():
@@ -212,9 +212,6 @@ def test_drag_equals_the_weight_at_the_terminal_speed():
     np.testing.assert_allclose(level, 0.0, atol=5e-3)
 
 
-# A base that moves -------------------------------------------------------------------------------
-
-
 def test_rotating_rod_has_the_stretch_of_its_centrifugal_force():
     # E A r'' = -rho A omega^2 r with r(0) = 0 and r'(L) = 1.
     omega, dt, angle = 12.0, 4e-3, 0.0
@@ -236,9 +233,6 @@ def test_rotating_rod_has_the_stretch_of_its_centrifugal_force():
     speed = np.linalg.norm(dynamics.velocities(state), axis=1)
     expected = omega * np.linalg.norm(shape.position, axis=1)
     np.testing.assert_allclose(speed, expected, rtol=1e-3, atol=1e-6)
-
-
-# Tendons -----------------------------------------------------------------------------------------
 
 
 def test_slow_loading_with_friction_equals_the_statics():

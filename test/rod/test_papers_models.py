@@ -7,7 +7,7 @@ from differences import jacobian
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from strategies import MODEL_NAMES, PAPER_SIZE, arms, loaded_arms, tensions_for
+from strategies import MODEL_NAMES, PAPER_SIZE, arms, loaded_arms
 
 from octo_arm_model import (
     Arm,
@@ -51,25 +51,6 @@ def test_shape_and_strains_equal_those_of_an_ode_solver(preset, papers_model, se
     assert_allclose(backbone.position, expected.position, atol=1e-7 * preset.arm.length)
     tangent = reference.Rotation.from_quat(backbone.quaternion).as_matrix()
     assert_allclose(tangent, expected.rotation, atol=1e-5)
-
-
-@settings(max_examples=25)
-@given(arms(), st.data())
-def test_renda2012_equals_closed_form_with_one_loaded_section(arm, data):
-    loaded = data.draw(st.integers(0, len(arm.sections) - 1))
-    tensions = np.zeros(arm.tension_shape)
-    tensions[loaded] = data.draw(tensions_for(arm))[loaded]
-    published, closed = (
-        Solver(arm, name).solve(tensions) for name in ('renda2012', 'closed_form')
-    )
-    for name in ('xi', 'k', 'q'):
-        expected = getattr(closed, name)
-        # Opposite tensions cancel except for rounding.
-        atol = 1e-9 * np.abs(expected).max() + 1e-11 / arm.length
-        assert_allclose(getattr(published, name), expected, rtol=1e-9, atol=atol)
-    largest = np.abs([closed.xi, closed.k]).max()
-    assert_allclose(published.tau, 0.0, atol=1e-9 * largest + 1e-11 / arm.length)
-    assert_allclose(published.position, closed.position, atol=1e-9 * arm.length)
 
 
 def test_error_without_convergence_has_iterations_and_residual(table4, monkeypatch):
@@ -150,15 +131,6 @@ def test_derivatives_by_tensions_equal_finite_differences(table4, papers_model):
 
     expected = jacobian(outcome, TENSIONS.ravel(), step=2e-3)
     assert_allclose(analytic, expected, rtol=2e-5, atol=2e-6 * np.abs(expected).max())
-
-
-def test_tip_covariance_equals_that_of_random_tensions(table4, papers_model):
-    solver = Solver(table4.arm, papers_model, 31)
-    deviation = 0.002
-    samples = TENSIONS + deviation * np.random.default_rng(1).normal(size=(4000, 3, 4))
-    tips = solver.solve(samples).tip
-    covariance = solver.tip_covariance(solver.solve(TENSIONS), Uncertainty(deviation))[:3, :3]
-    assert_allclose(covariance, np.cov(tips.T), atol=0.1 * np.abs(covariance).max())
 
 
 def test_derivatives_beyond_the_papers_models_are_refused(table4, papers_model):

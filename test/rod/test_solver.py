@@ -43,8 +43,6 @@ from octo_arm_model.config.paper_data import BENDING, FETCHING_IN_SPACE
 
 # Different tensions, so that all sections bend in different planes.
 MIXED = np.array([[0.1, 0.3, 0.0, 0.05], [1.0, 0.2, 0.0, 2.0], [0.0, 5.0, 1.0, 2.0]])
-# Directions of tendons 1 to 4 in the axes x = t, y = n, z = b.
-SIDES = np.array([[0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, -1]], dtype=float)
 SHORT = Arm(
     Material(1.1e5),
     Body(0.45, 0.015, 0.004),
@@ -53,36 +51,6 @@ SHORT = Arm(
 
 
 # Facts of section 5 of the model's description -------------------------------------------------
-
-
-@pytest.mark.parametrize('tendon', range(4))
-@pytest.mark.parametrize('section', range(3))
-def test_one_tendon_bends_the_arm_towards_its_side(table2, model, section, tendon):
-    tensions = np.zeros((3, 4))
-    tensions[section, tendon] = 0.5
-    backbone = Solver(table2.arm, model).solve(tensions)
-    side, across = SIDES[tendon], np.cross([1.0, 0.0, 0.0], SIDES[tendon])
-    assert backbone.tip @ side > 0.02 * table2.arm.length
-    assert (np.diff(backbone.position @ side) > 0.0).all()
-    assert_allclose(backbone.position @ across, 0.0, atol=1e-12)
-    largest = np.hypot(backbone.xi, backbone.k).max()
-    assert_allclose(backbone.tau, 0.0, atol=1e-12 * largest)
-
-
-def test_four_equal_tendons_shorten_the_arm_and_keep_it_straight(preset, papers_model):
-    tensions = np.full(preset.arm.tension_shape, 0.05)
-    backbone = Solver(preset.arm, papers_model).solve(tensions)
-    assert_allclose(backbone.position[:, 1:], 0.0, atol=1e-12)
-    assert 0.0 < backbone.tip[0] < preset.arm.length
-    # Each section has N = -4 T, so that the arm shortens by the integral of 4 T / EA.
-    body, young = preset.arm.body, preset.arm.material.youngs_modulus
-    shortening = sum(
-        0.2
-        * section.anchorage
-        / (young * math.pi * body.radius_base * float(body.radius(section.anchorage)))
-        for section in preset.arm.sections
-    )
-    assert preset.arm.length - backbone.tip[0] == pytest.approx(shortening, rel=1e-6)
 
 
 def test_tensions_of_the_next_tendons_rotate_the_shape_by_90_degrees(table4, model):

@@ -45,31 +45,19 @@ EXPLAINED = {('random_13_metal/21', 'by_tension'): 1.4, ('random_12_table/24', '
 
 @dataclass(frozen=True)
 class Case:
-    """An arm, the steps of a test, and reference values.
-
-    Attributes:
-        name: name of the case.
-        kind: subject of the case.
-        parameters: parameters of the arm by their dotted names.
-        steps: steps of the test, see `solve`.
-        expected: reference values of the last step.
-        s: arc coordinates of the values along the arm, which are stations [m].
-        error: largest error of the reference values of each quantity.
-        today: error of the solver that made the file, where it exceeds the tolerance.
-        refused: name of the expected exception and a part of its message.
-        fault: fault of the solver that made the file, '' without one.
-    """
+    """An arm, the steps of a test, and reference values."""
 
     name: str
-    kind: str
-    parameters: dict[str, Any]
-    steps: list[dict[str, Any]]
-    expected: dict[str, np.ndarray]
-    s: list[float] = field(default_factory=list)
-    error: dict[str, float] = field(default_factory=dict)
+    kind: str  # subject of the case
+    parameters: dict[str, Any]  # of the arm, by their dotted names
+    steps: list[dict[str, Any]]  # see `solve`
+    expected: dict[str, np.ndarray]  # reference values of the last step
+    s: list[float] = field(default_factory=list)  # stations of values along the arm [m]
+    error: dict[str, float] = field(default_factory=dict)  # largest one of each reference value
+    # Error of the solver that made the file, where it exceeds the tolerance.
     today: dict[str, float] = field(default_factory=dict)
-    refused: list[str] | None = None
-    fault: str = ''
+    refused: list[str] | None = None  # the expected exception and a part of its message
+    fault: str = ''  # of the solver that made the file
 
     def solve(self) -> dict[str, np.ndarray]:
         """Return the quantities in `expected` after the last step.

@@ -13,7 +13,7 @@ import rclpy
 import viser
 import yaml
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, Vector3Stamped
-from live_nodes import RosClient, hosting, new_domain, xyz
+from live_nodes import MOVING, RosClient, hosting, new_domain, xyz
 from numpy.testing import assert_allclose, assert_array_equal
 from octo_arm_msgs.msg import TendonTensions
 from sensor_msgs.msg import JointState
@@ -149,14 +149,6 @@ IN_CURRENT = dataclasses.replace(
     load_config(FILE), motion=MotionProperties(current=(0.0, 0.2, 0.0))
 )
 LENGTH = IN_CURRENT.arm.length
-MOVING = {
-    'dynamics': True,
-    'model': 'exact',
-    'material.density': 1080.0,
-    'rate': 20.0,
-    'motion.damping_time': 0.3,
-    'stations': 21,
-}
 
 
 class Page:

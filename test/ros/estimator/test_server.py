@@ -403,9 +403,6 @@ def test_who_lies_is_named_with_since_when_busy_is_busy_and_silent_is_silent(cli
         assert client.change(diagnostics__silence_limit=1e6) == (True, '')
 
 
-# Managed -----------------------------------------------------------------------------------------
-
-
 def test_a_managed_estimator_estimates_while_it_is_active_and_then_anew():
     with estimating_here(ManagedEstimatorNode) as client:
         assert client.transition(Transition.TRANSITION_CONFIGURE)

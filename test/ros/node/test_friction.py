@@ -236,9 +236,6 @@ def test_frames_have_another_parent_where_base_frame_changes(felt):
         assert felt.change(base_frame='arm_base') == (True, '')
 
 
-# Frames of sensors, and messages that wait for them ----------------------------------------------
-
-
 def test_few_messages_wait_for_a_short_time(make_node, monkeypatch, capfd):
     node, refused, clock = make_node('listener'), [], SimpleNamespace(now=100.0)
     # One that is none does not hide those behind it.

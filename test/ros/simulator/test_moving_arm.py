@@ -16,7 +16,7 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from live_nodes import RosClient, hosting, tensions_message, xyz
+from live_nodes import MOVING, RosClient, hosting, tensions_message, xyz
 from numpy.testing import assert_allclose, assert_array_equal
 from octo_arm_msgs.msg import TendonTensions
 from rosgraph_msgs.msg import Clock
@@ -38,14 +38,7 @@ PULL = np.array([0.5, 0.0, 0.0, 0.0])
 
 def moving(**more):
     """The simulator of an arm that moves, strongly damped, and a client."""
-    given = {
-        'dynamics': True,
-        'material__density': 1080.0,
-        'motion__damping_time': 0.3,
-        'stations': 21,
-        'rate': 50.0,
-    }
-    return hosting(SimulatorNode, files=[FILE], client=MovingArm, **given | more)
+    return hosting(SimulatorNode, files=[FILE], client=MovingArm, **MOVING | {'rate': 50.0} | more)
 
 
 class MovingArm(RosClient):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from checkout import ROOT
-from live_nodes import RosClient, hosting
+from live_nodes import MOVING, RosClient, hosting
 from numpy.testing import assert_allclose
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -21,14 +21,6 @@ from octo_arm_model.simulation.simulator import STATES, robot_description
 FILE = preset_path('renda2012_prototype')
 CONFIG = load_config(FILE)
 NAMES = list(CONFIG.arm.tendon_names)
-MOVING = {
-    'dynamics': True,
-    'model': 'exact',
-    'material.density': 1080.0,
-    'motion.damping_time': 0.3,
-    'stations': 21,
-    'rate': 20.0,
-}
 THRESHOLD = 1e-5  # trigger_joint_command_threshold, by default
 
 
