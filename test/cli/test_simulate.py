@@ -119,17 +119,8 @@ def test_modes_are_printed_and_drawn(tmp_path, cli):
 
 
 def test_the_file_of_an_arm_says_how_it_moves():
-    given = {
-        'material.youngs_modulus': 1e5,
-        'material.density': 1080.0,
-        'body.length': 0.4,
-        'body.radius_base': 0.01,
-        'body.radius_tip': 0.005,
-        'sections.anchorage': [0.4],
-        'sections.offset_base': [0.005],
-        'sections.offset_anchorage': [0.003],
-    }
-    given['loads.fluid_density'] = 1000.0
+    given = load_parameters('renda2012_prototype')
+    given |= {'model': 'exact', 'material.density': 1080.0, 'loads.fluid_density': 1000.0}
     motion = {'motion.viscosity': 300.0, 'motion.water': 'cylinder', 'motion.current': [0.1, 0, 0]}
     config = Config.from_parameters(given | motion)
     assert config.motion == MotionProperties(300.0, 0.0, 1.1, 0.01, 1.0, (0.1, 0.0, 0.0))
