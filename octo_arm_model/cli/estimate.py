@@ -25,7 +25,7 @@ from octo_arm_model.estimation.settings import (
     RECORDING_DEFAULTS,
 )
 from octo_arm_model.estimation.unknowns import Unknowns
-from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, MEASUREMENT_TOPICS, TIP_POSE
+from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, TIP_POSE
 from octo_arm_model.wire.tensions import DISPLACEMENTS
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from octo_arm_model.experiment.sensor_recording import SensorRecording, Sources
 
 
-# Prefixes of parameters that describe the noise of sensors; the others describe what is unknown.
-_SENSORS = ('displacement', 'marker', 'tip_', 'base_')
+# Prefixes of parameters that describe sensors; the others describe what is unknown.
+_SENSORS = tuple(row.parameters for row in MEASUREMENT_TOPICS.values())
 _OF_ARM = ('tension_stddev', 'material.youngs_modulus_stddev')  # options of the arm itself
 _APART = ('contact', 'contact_s', 'window')  # set by another option, or used by the node only
 TENSIONS = 'tensions'
@@ -48,10 +48,7 @@ _OF_SENSOR = {
     'marker_names': MARKERS,
     'tension_stddev': TENSIONS,
     f'{PREFIX}tension_bias': TENSIONS,
-    f'{PREFIX}displacement': DISPLACEMENTS,
-    f'{PREFIX}marker': MARKERS,
-    f'{PREFIX}tip': TIP_POSE,
-    f'{PREFIX}base': BASE_WRENCH,
+    **{PREFIX + row.parameters: name for name, row in MEASUREMENT_TOPICS.items()},
 }
 
 
@@ -260,15 +257,12 @@ Estimate the shape of an arm, the contact force on it and the covariance of both
 these measurements that a bag has, each with its own noise and rate:
 
   tendon_tensions          readings of load cells, in any form that replay reads
-  tendon_displacements     sensor_msgs/JointState: lengths that winches have reeled in [m]
-  measured/tip_pose        geometry_msgs/PoseWithCovarianceStamped
-  measured/markers         geometry_msgs/PoseArray: points of the midline, with --marker-s
-  measured/base_wrench     geometry_msgs/WrenchStamped: readings of a sensor under the base
+{measured}
 
 The inputs of the model are estimated: true tensions, a contact and, if wanted, biases and E.
 Measurements that contradict the others are refused and reported. Midlines of a camera are not
 used for the estimate; the estimate is compared with them.
-"""
+""".format(measured='\n'.join(f'  {n:24} {r.description}' for n, r in MEASUREMENT_TOPICS.items()))
 EPILOG = """\
 examples:
   octo-arm record-demo touched --touch 0.02

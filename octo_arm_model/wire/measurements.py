@@ -162,12 +162,14 @@ class MeasurementMessage:
 
     Attributes:
         type_name: name of the type, such as 'geometry_msgs/msg/PoseArray'.
-        description: meaning of the message, for the manual.
+        description: meaning of the message, in a few words.
+        parameters: prefix of the parameters of the estimator that describe its sensor.
         read: returns the measurement in a message of an ``arm``, or raises OctoArmError.
     """
 
     type_name: str
     description: str
+    parameters: str
     read: Callable[..., measurements.Measurement]
 
 
@@ -293,27 +295,30 @@ def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
 
 
 TIP_POSE, MARKERS, BASE_WRENCH = 'measured/tip_pose', 'measured/markers', 'measured/base_wrench'
-# All measurements but tensions, for the node, the bag tools and the manual: one row each.
+# All measurements but tensions, for the node and the bag tools: one row each.
 MEASUREMENT_TOPICS: dict[str, MeasurementMessage] = {
     DISPLACEMENTS: MeasurementMessage(
         DISPLACEMENT_TYPE,
-        'lengths reeled in by the winches, as positions by tendon name [m]',
+        'lengths that winches have reeled in, as positions by tendon name [m]',
+        'displacement_',
         displacements_of,
     ),
     TIP_POSE: MeasurementMessage(
         'geometry_msgs/msg/PoseWithCovarianceStamped',
-        'pose of the tip, x axis along the arm; the position alone where the covariance of the '
-        'rotation is zero',
+        'pose of the tip, x axis along the tangent',
+        'tip_',
         _tip_pose,
     ),
     MARKERS: MeasurementMessage(
         'geometry_msgs/msg/PoseArray',
-        'points of the midline at `estimator.marker_s`, NaN where hidden',
+        'points of the midline at given arc coordinates, NaN where hidden',
+        'marker_',
         markers_of,
     ),
     BASE_WRENCH: MeasurementMessage(
         'geometry_msgs/msg/WrenchStamped',
-        'force and moment of all external loads as a sensor under the base feels them',
+        'sum of all external loads, by a sensor under the base',
+        'base_',
         _base_wrench,
     ),
 }
