@@ -29,6 +29,7 @@ html_theme = 'furo'
 html_title = f'{project} {release}'
 html_static_path = ['static']
 html_css_files = ['manual.css']
+html_show_copyright = False
 html_math_renderer = 'mathml'
 
 autodoc_member_order = 'bysource'

@@ -43,13 +43,16 @@ for number in range(round(SECONDS / STEP) + 1):
             print(f'{number * STEP:.1f} s: bend at {1e3 * bend:5.1f} mm, at most {fast:.2f} m/s')
 
 if len(sys.argv) > 1:
-    from matplotlib import colormaps
+    from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.0, 4.5), layout='constrained')
+    figure = Figure(figsize=(7.0, 3.4), layout='constrained')
     axes = figure.add_subplot(xlabel='x [m]', ylabel='y [m]', aspect='equal')
-    for number, position in enumerate(shapes):
-        colour = colormaps['viridis'](number / len(shapes))
-        axes.plot(position[:, 0], position[:, 1], color=colour)
+    lines = LineCollection(
+        [position[:, :2] for position in shapes], array=0.1 * np.arange(len(shapes))
+    )
+    axes.add_collection(lines)
+    axes.autoscale()
     axes.grid(alpha=0.3)
+    figure.colorbar(lines, label='time [s]')
     figure.savefig(sys.argv[1], dpi=90)

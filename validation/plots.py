@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 _COLOURS = dict(zip(MODELS, ('tab:red', 'tab:orange', 'tab:blue', 'tab:green')))
+_APART = 0.11  # least distance of labelled tips, over the length
 _DASHES = dict(zip(MODELS, ('-', '--', '-', ':')))
 
 
@@ -43,6 +44,7 @@ def _shapes(cases: dict[str, Any]) -> Figure:
         # Horizontal axis t of the base, vertical axis in the plane of bending.
         ends = np.array(case['midlines_mm'])[:, -1, 1:]
         direction = ends[-1] / np.linalg.norm(ends[-1])
+        labelled = np.full(2, np.inf)
         for number, midline in enumerate(np.array(case['midlines_mm'])):
             axes.plot(
                 midline[:, 0],
@@ -62,22 +64,18 @@ def _shapes(cases: dict[str, Any]) -> Figure:
                     lw=1.2,
                     label=None if number else model,
                 )
-            load = ', '.join(f'{t:.3g}' for t in case['tensions_N'][number])
-            axes.annotate(
-                f'{load} N',
-                (midline[-1, 0], midline[-1, 1:] @ direction),
-                textcoords='offset points',
-                xytext=(5, 2),
-                fontsize=8,
-            )
-        axes.set(
-            title=name,
-            xlabel='along t of the base [mm]',
-            ylabel='across, in the plane of bending [mm]',
-            aspect='equal',
-        )
+            tip = np.array([midline[-1, 0], midline[-1, 1:] @ direction])
+            if np.linalg.norm(tip - labelled) > _APART * np.abs(case['midlines_mm']).max():
+                labelled = tip
+                load = ', '.join(f'{t:.3g}' for t in case['tensions_N'][number])
+                axes.annotate(
+                    f'{load} N', tip, textcoords='offset points', xytext=(5, 2), fontsize=8
+                )
+        axes.set(title=name, xlabel='along t of the base [mm]', aspect='equal')
         axes.grid(alpha=0.3)
-        axes.margins(x=0.16, y=0.1)
+        axes.margins(x=0.05, y=0.12)
+        axes.set_xlim(right=1.25 * axes.get_xlim()[1])
+    panels[0].set_ylabel('across [mm]')
     figure.legend(*panels[0].get_legend_handles_labels(), loc='outside lower center', ncols=5)
     return figure
 

@@ -124,8 +124,8 @@ def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
         return (f'all measured points lie {within}on a line: the rotation about it is open',)
     if spread[2] <= flat:
         return (
-            f'all measured points lie {within}in a plane: the alignment cannot tell a picture '
-            'from its mirror image, seen from the other side of the plane',
+            f'all measured points lie {within}in a plane: the fitted alignment cannot tell the '
+            'arm from its mirror image',
         )
     return ()
 

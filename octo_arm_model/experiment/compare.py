@@ -187,9 +187,9 @@ def _branch_remarks(steps: Sequence[StepComparison], length: float) -> list[str]
     branch = np.array([step.direction for step in steps])
     if UNLOADING not in branch:
         return [
-            'no step was reached by unloading: friction or a load cell that reads wrong in '
-            'proportion would scale all tensions alike, which no interval holds and nothing here '
-            'shows'
+            'no step was reached by unloading: friction, or load cells of a wrong scale, would '
+            'change all tensions by one factor, which these data cannot show and no interval '
+            'contains'
         ]
     at, off = (np.array(v) for v in zip(*((step.shape.tension, step.bend) for step in steps)))
     up, down = (np.isfinite(off) & (branch == name) for name in (LOADING, UNLOADING))

@@ -169,10 +169,12 @@ def _draw_view(
 ) -> None:
     """Draw one model and the measurement; ``flat`` projects their points."""
     lines, s = step.shape.lines, step.shape.s
+    label: str | None = 'frames'
     for line in lines[:: max(1, len(lines) // _MOST_FRAMES)]:
         style = '.' if len(line) == 1 or s is not None else '-'
         shown = flat(comparison.alignment.to_base(line))
-        panel.plot(*shown, style, color=_FRAME_COLOUR, linewidth=0.6, zorder=1)
+        panel.plot(*shown, style, color=_FRAME_COLOUR, linewidth=0.6, zorder=1, label=label)
+        label = None
     position, colour = step.backbone.position, LINES[comparison.model]['color']
     # Dotted lines connect the tips, or the markers and the points of the model there.
     there = position[-1:] if s is None else interpolated(s, step.backbone.s, position)
@@ -333,6 +335,7 @@ def _draw_intervals(fitted: Sequence[Identification], units: Mapping[str, str]) 
             place |= {'ha': 'center', 'fontsize': 'small', 'annotation_clip': False}
             panel.annotate(text, (estimate.value, row), **place)
         panel.set(xlabel=f'{name} [{unit}]')
+        panel.locator_params(axis='x', nbins=5)
         panel.grid(alpha=0.3)
         panel.margins(x=0.2, y=0.3)
     misfits = ['' if one.after is None else f'\n{rank(one) * 1e3:.3f} mm' for one in fitted]
