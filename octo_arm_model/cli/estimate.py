@@ -25,7 +25,7 @@ from octo_arm_model.estimation.settings import (
     RECORDING_DEFAULTS,
 )
 from octo_arm_model.estimation.unknowns import Unknowns
-from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS, TIP_POSE
+from octo_arm_model.wire.measurements import MARKERS, MEASUREMENT_TOPICS
 from octo_arm_model.wire.tensions import DISPLACEMENTS
 
 if TYPE_CHECKING:
