@@ -45,11 +45,7 @@ def described(
 
 
 def require(*packages: str) -> None:
-    """Check that ``packages`` are installed: launch would leave running what it has started.
-
-    Raises:
-        ConfigError: if one is not installed.
-    """
+    """Raise ConfigError unless ``packages`` are installed: launch leaves started nodes behind."""
     if missing := sorted(set(packages) - get_packages_with_prefixes().keys()):
         raise ConfigError(f'needs {", ".join(missing)}, expected ROS packages that are installed')
 
@@ -65,11 +61,7 @@ def is_true(name: str, context: LaunchContext) -> bool:
 
 
 def params_file(context: LaunchContext) -> str:
-    """Return the path of the file that ``params_file`` names, by path or as a preset.
-
-    Raises:
-        ConfigError: if there is no such preset.
-    """
+    """Return the path of params_file, which may be a preset; ConfigError if there is none."""
     return str(find_path(value_of('params_file', context)))
 
 

@@ -28,14 +28,11 @@ class LiveParameters(Generic[Prepared]):
         prepare: Callable[[dict[str, Any]], Prepared],
         use: Callable[[Prepared, set[str]], None],
     ) -> None:
-        """Declare ``table`` on ``node``.
+        """Declare ``table`` on ``node``; ConfigError if a value has the wrong type.
 
         ``prepare`` builds the object from the values. If it raises an `OctoArmError`, the change
         is refused with that message. Between `begin` and `end`, ``use`` is called with each new
         object and the names of the parameters that were set.
-
-        Raises:
-            ConfigError: if a value has the wrong type.
         """
         self._prepare, self._use = prepare, use
         self._values = _declare(node, table)
@@ -50,11 +47,7 @@ class LiveParameters(Generic[Prepared]):
         node.add_post_set_parameters_callback(self._swap)
 
     def begin(self) -> None:
-        """Build the object from the present values and call ``use`` with it.
-
-        Raises:
-            OctoArmError: if ``prepare`` refuses the values.
-        """
+        """Use the object of the present values; OctoArmError if ``prepare`` refuses them."""
         self._use(self._prepare(self._values), set(self._values))
         self._is_used = True
 
@@ -119,11 +112,7 @@ def _plain(value: Any) -> Any:
 
 
 def ros_parameter(parameter: Parameter, value: Any) -> RosParameter:
-    """Return ``parameter`` with ``value`` as an rclpy parameter of its declared type.
-
-    Raises:
-        ConfigError: if the value has the wrong type.
-    """
+    """Return ``parameter`` with ``value`` for rclpy; ConfigError if it has the wrong type."""
     converted = parameter.convert(value)
     plain = list(converted) if parameter.is_array else converted
     return RosParameter(parameter.name, _ros_type(parameter), plain)

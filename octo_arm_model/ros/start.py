@@ -38,11 +38,7 @@ _TARGET = re.compile(r'(?:([\w/*]+):)?([\w./]+)', re.ASCII)
 def start_ros(
     arguments: Sequence[str], signals: SignalHandlerOptions = SignalHandlerOptions.NO
 ) -> None:
-    """Initialise rclpy with ``arguments``.
-
-    Raises:
-        ConfigError: if an argument or a file cannot be parsed, or logs cannot be written.
-    """
+    """Initialise rclpy; ConfigError if arguments are invalid, or logs cannot be written."""
     with read_here(arguments) as ros_arguments:
         try:
             rclpy.init(args=ros_arguments, signal_handler_options=signals)
@@ -111,11 +107,7 @@ def _parameters_of(option: str, text: str) -> parameter_files.Nodes | None:
 
 @contextlib.contextmanager
 def client_node(name: str, arguments: Sequence[str] = ()) -> Iterator[Node]:
-    """Initialise rclpy with ``arguments`` and create a node, which is destroyed with the block.
-
-    Raises:
-        ConfigError: if an argument or a file cannot be parsed, or logs cannot be written.
-    """
+    """Initialise rclpy as `start_ros` and create a node, which is destroyed with the block."""
     start_ros(arguments)
     try:
         node = Node(name)

@@ -50,11 +50,7 @@ def take_all(subscription: Subscription, kind: Any) -> Iterator[tuple[bytes, dic
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of a message type, such as 'sensor_msgs/msg/JointState'.
-
-    Raises:
-        ConfigError: if the type is not installed.
-    """
+    """Return the class of messages such as sensor_msgs/msg/JointState; ConfigError for none."""
     match, message_type, finder = _TYPE.fullmatch(type_name), None, importlib.machinery.PathFinder
     package = finder.find_spec(match[1]) if match else None
     folders = package.submodule_search_locations if package else None
@@ -138,11 +134,7 @@ def is_overridden(node: Node, entity: str, topic: str) -> bool:
 
 
 def check_overrides(node: Node) -> None:
-    """Check that some publisher or subscription of ``node`` uses each QoS override.
-
-    Raises:
-        ConfigError: if an override is not used.
-    """
+    """Raise ConfigError unless some entity of ``node`` uses each QoS override."""
     # This attribute is private in rclpy.
     for name in sorted(node._parameter_overrides):
         if name.startswith(_OVERRIDES) and not _is_read_only(node, name):

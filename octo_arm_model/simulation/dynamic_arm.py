@@ -44,11 +44,7 @@ class Surroundings:
         self.is_told = False
 
     def move_base(self, pose: Pose) -> None:
-        """Set the goal of the base, a ``pose`` in base_frame.
-
-        Raises:
-            LoadError: if it is too far from the present pose.
-        """
+        """Set the goal of the base, a ``pose`` in base_frame; LoadError if it is too far."""
         goal, now = base_of(pose), self.values[0, _BASE]
         distance = math.dist(goal[:3], now[:3])
         cosine = float(goal[3:] @ now[3:]) / float(np.linalg.norm(now[3:]))
@@ -82,11 +78,7 @@ class Surroundings:
 
 
 def check_values(values: FloatArray, base: FloatArray) -> None:
-    """Check the `Surroundings.values` in a file for an arm on a ``base``, as from `base_of`.
-
-    Raises:
-        ConfigError: if they do not belong to this base.
-    """
+    """Raise ConfigError unless `Surroundings.values` belong to a ``base`` as from `base_of`."""
     far = np.abs(values[:, _BASE] - [base, np.zeros(7), base])
     # Between two orientations a quaternion is a little shorter than one.
     if not (far[0].max() < 0.02 and far[2].max() < 0.5 and np.abs(values).max() < LARGEST):
@@ -279,11 +271,7 @@ class DynamicArm(SimulatedArm):
 
     @property
     def state(self) -> MotionState:
-        """The present state, which exists after `advance`.
-
-        Raises:
-            SolveError: if there is no state yet.
-        """
+        """The present state; SolveError before the first `advance`."""
         if self._state is None:
             raise SolveError('the arm has not moved yet')
         return self._state

@@ -268,16 +268,22 @@ COMMAND_TOPICS = {
 JOINTS = f'{TOPIC}/joint_state'
 
 
-def read_command(topic: str, message: Any, arm: Arm) -> tuple[dict[str, float], dict[str, float]]:
+def read_command(
+    topic: str, message: Any, arm: Arm, limits: FloatArray
+) -> tuple[dict[str, float], dict[str, float]]:
     """Return tensions [N] and lengths to reel in [m] by tendon that a ``message`` commands.
 
     Raises:
-        TensionError: if it is no command of this ``arm`` on the ``topic`` of `COMMAND_TOPICS`.
+        TensionError: if it is no command of this ``arm`` on the ``topic`` of `COMMAND_TOPICS`, or
+            a tension exceeds its limit in ``limits`` (tendons,) [N].
     """
+    names, lengths = arm.tendon_names, dict[str, float]()
     if topic == JOINTS:
-        return read_joint_commands(message, arm)
-    tensions = COMMAND_TOPICS[topic].read(message, arm).ravel().tolist()
-    return dict(zip(arm.tendon_names, tensions, strict=True)), {}
+        tensions, lengths = read_joint_commands(message, arm)
+    else:
+        tensions = dict(zip(names, COMMAND_TOPICS[topic].read(message, arm).ravel().tolist()))
+    check_command(arm, [tensions.get(name, 0.0) for name in names], limits)
+    return tensions, lengths
 
 
 def profile_names(arm: Arm) -> dict[str, str]:

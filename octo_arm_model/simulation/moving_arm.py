@@ -99,11 +99,7 @@ class DrivenMotion:
 
     @property
     def state(self) -> MotionState:
-        """The state at the last reading.
-
-        Raises:
-            SolveError: if there was no reading.
-        """
+        """The state at the last reading; SolveError if there was no reading."""
         if self._state is None:
             raise SolveError('the arm does not move yet')
         return self._state

@@ -361,11 +361,7 @@ _REELING = 1.0  # velocity limit of a tendon in the URDF [m/s]
 
 
 def robot_description(config: Config, interface: str, namespace: str = '') -> str:
-    """Return a URDF of the tendons of ``config``, commanded by 'effort' or 'position'.
-
-    Raises:
-        ConfigError: if ``interface`` is neither.
-    """
+    """Return a URDF of the tendons; ConfigError if ``interface`` is not effort or position."""
     if interface not in INTERFACES:
         raise ConfigError(f'interface is {shown(interface)}, expected effort or position')
     robot, sub = ElementTree.Element('robot', name='octo_arm'), ElementTree.SubElement

@@ -29,11 +29,7 @@ class Access:
     """The allowed hosts and origins of a page served on one host."""
 
     def __init__(self, host: str, origins: Sequence[str]) -> None:
-        """Allow the page on ``host``, and pages of ``origins`` such as http://arm.lab:8080.
-
-        Raises:
-            ConfigError: if one of ``origins`` is not an origin.
-        """
+        """Allow pages on ``host`` and of ``origins``; ConfigError if one of these is no origin."""
         self._origins = {_origin_of(origin) for origin in origins}
         self._names = {*_THIS_MACHINE, host.lower(), *(name for _, name, _ in self._origins)}
         # DNS cannot rebind an address. A loopback host needs no other address.

@@ -85,11 +85,7 @@ class Commander:
         self.profile, self._speed, self._loop = profile, speed, loop
 
     def change_speed(self, speed: float, now: float) -> None:
-        """Continue the profile at another ``speed`` [-].
-
-        Raises:
-            ArmDefinitionError: if ``speed`` is not finite or not > 0.
-        """
+        """Continue the profile at another ``speed`` > 0 [-], else ArmDefinitionError."""
         positive('speed', speed, '-')
         if self.profile is not None and self._transition is None:
             self._started = now - (now - self._started) * self._speed / speed

@@ -95,11 +95,7 @@ class Guard:
 
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
-        """Add the checks to the server that viser opens within the context.
-
-        Raises:
-            GuardError: if viser has not opened a server through websockets.
-        """
+        """Add the checks to the server that viser opens within; GuardError if it opens none."""
         original, is_called = websockets_server.serve, False
         # This logger turns the errors of websockets into refusals, without stack traces.
         logger = logging.Logger('octo_arm_model.viewer.websockets', logging.ERROR)

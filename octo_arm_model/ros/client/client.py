@@ -28,7 +28,7 @@ from octo_arm_model.ros.node.inputs import INPUT_QOS, MOST_BYTES
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator.publishers import NO_COMMAND, PAUSED, PROFILE
 from octo_arm_model.ros.topics import decoded, message_class, take_all
-from octo_arm_model.simulation.movements import COMMAND_TOPICS, TOPIC, check_command, read_command
+from octo_arm_model.simulation.movements import COMMAND_TOPICS, TOPIC, read_command
 from octo_arm_model.wire import estimate
 from octo_arm_model.wire.backbone import TENDON_LENGTHS, TIP_POSE, read_poses
 from octo_arm_model.wire.tensions import JOINT_STATE
@@ -74,11 +74,7 @@ class PublishedStrains(NamedTuple):
 
 
 def strains_of(message: Any) -> PublishedStrains:
-    """Return the strains in an ``octo_arm_msgs/msg/SectionStrains``.
-
-    Raises:
-        MessageError: if the lists differ in length, or no arm can have such a strain.
-    """
+    """Return the strains in a SectionStrains; MessageError if no arm can have such ones."""
     names, count = PublishedStrains._fields[1:], len(message.s)
     parts = [_finite(name, getattr(message, name), count) for name in names]
     strains = PublishedStrains(message.model, *parts)
@@ -203,11 +199,7 @@ class ArmClient:
             self._forget()
 
     def poll(self) -> bool:
-        """Take the messages that have arrived; return whether there is a new shape.
-
-        Raises:
-            OctoArmError: if what is published as a description of the arm is not one.
-        """
+        """Take what has come; return if a shape has. OctoArmError for a wrong description."""
         before, told, oldest = self.shape, self._problems, time.monotonic() - _STALE
         self.has_no_command = False
         self._problems = {name: told[name] for name in told if told[name][0] > oldest}
@@ -337,11 +329,7 @@ class ArmClient:
         return time.monotonic() - self._heard if self.shape else np.inf
 
     def command(self, tensions: FloatArray) -> None:
-        """Command ``tensions`` [N] of all tendons, in the arm's order.
-
-        Raises:
-            TensionError: if one is not finite, negative or above its limit; nothing is published.
-        """
+        """Command ``tensions`` (tendons,) [N]; TensionError if one is invalid or beyond limits."""
         assert self.config is not None
         stamp = self._node.get_clock().now().to_msg()
         self._sent.append(self._commands.publish(tensions, stamp))
@@ -357,9 +345,7 @@ class ArmClient:
 
     def _read_command(self, name: str, message: Any, config: Config) -> None:
         with contextlib.suppress(OctoArmError):  # refused by what drives the tendons too
-            tensions, _ = read_command(name, message, config.arm)
-            requested = np.array([tensions.get(one, 0.0) for one in config.arm.tendon_names])
-            check_command(config.arm, requested, self._commands.limits)
+            tensions, _ = read_command(name, message, config.arm, self._commands.limits)
             self._commanded |= tensions
 
     def _read_status(self, message: DiagnosticArray) -> None:

@@ -59,11 +59,7 @@ class PreparedEstimator(Prepared):
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> PreparedEstimator:
-        """Prepare the arm and the estimator that the parameters ``values`` describe.
-
-        Raises:
-            OctoArmError: if they do not describe an arm and its estimator; the message says why.
-        """
+        """Prepare the arm and its estimator; OctoArmError if ``values`` do not describe them."""
         estimation = {name: value for name, value in values.items() if name.startswith(PREFIX)}
         arm = {name: value for name, value in values.items() if name not in estimation}
         _MODEL_PARAMETER.check(arm['model'])
@@ -101,11 +97,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
     """Publishes an estimate after each measurement; activation resets it to the prior."""
 
     def __init__(self, node: Node) -> None:
-        """Declare the parameters of ``node``.
-
-        Raises:
-            ConfigError: if a value has the wrong type.
-        """
+        """Declare the parameters of ``node``; ConfigError if a value has the wrong type."""
         super().__init__(node, TABLE, PreparedEstimator.of, EstimatePublishers)
         self._estimator: Estimator | None = None
         self._newest: dict[str, Stamp] = {}  # of the measurements in the estimate, by topic

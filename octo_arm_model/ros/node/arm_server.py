@@ -84,11 +84,7 @@ class TipWrench:
         return problem
 
     def take(self, topic: str, message: WrenchStamped) -> None:
-        """Keep the wrench of a ``message`` for later tensions.
-
-        Raises:
-            OctoArmError: if the wrench is invalid, or its frame is not known.
-        """
+        """Keep the wrench of a ``message``; OctoArmError if it or its frame is invalid."""
         prepared = self._current()
         wrench, frame = wrench_values(message.wrench), str(message.header.frame_id)
         config, stamp = prepared.config, Stamp.of(message.header.stamp).ns
@@ -140,11 +136,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
     """Publishes the backbone for tensions and displacements, and offers services."""
 
     def __init__(self, node: Node) -> None:
-        """Declare the parameters of ``node``.
-
-        Raises:
-            ConfigError: if a value has the wrong type.
-        """
+        """Declare the parameters of ``node``; ConfigError if a value has the wrong type."""
         super().__init__(node, PARAMETERS, Prepared.of, BackbonePublishers)
         self._services: list[QueuedService] = []
         self._tip_wrench = TipWrench(self._frames, lambda: self._arm)

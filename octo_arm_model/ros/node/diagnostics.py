@@ -50,11 +50,7 @@ class SteppedClock:
         return int(self._clock.handle.get_now().nanoseconds)
 
     def time_of(self, stamp: Stamp | None) -> Stamp:
-        """Return the ``stamp`` of a message, or the time of receipt if it has no stamp.
-
-        Raises:
-            MessageError: if the stamp is not a valid time.
-        """
+        """Return ``stamp``, or the time of receipt without one; MessageError if it is invalid."""
         return time_of(stamp) or Stamp.from_ns(self.now_ns)
 
     def ahead(self, stamp: Stamp, now_ns: int) -> float:

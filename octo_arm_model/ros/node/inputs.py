@@ -74,13 +74,10 @@ class Inputs:
     def subscribe(
         self, kind: Any, topic: str, read: Read, *, is_apart: bool = True, is_answered: bool = True
     ) -> 'LatestSubscription':
-        """Subscribe to messages of type ``kind`` on ``topic``, which ``read`` is called with.
+        """Call ``read`` with messages of type ``kind``; ConfigError for impossible QoS overrides.
 
         ``is_apart`` says that the topic is not a source of tensions, and ``is_answered`` that each
         message has its own answer.
-
-        Raises:
-            ConfigError: if an override of a QoS policy has an impossible value.
         """
         self._last_subscribed = time.monotonic()
         subscription = LatestSubscription(self, kind, topic, read, is_apart, is_answered)

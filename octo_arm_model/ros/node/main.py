@@ -69,12 +69,7 @@ class ServedNode(CheckedNode):
     def __init__(
         self, name: str, make_server: Callable[[Node], Server[Any, Any]], **options: Any
     ) -> None:
-        """Read the parameters, prepare the arm and create all ROS entities.
-
-        Raises:
-            OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible, or
-                they do not go together.
-        """
+        """Prepare the arm and all ROS entities; OctoArmError if the parameters are invalid."""
         super().__init__(name, **options)
         self._server = make_server(self)
         self._server.configure()
@@ -90,11 +85,7 @@ class ManagedNode(CheckedNode, LifecycleNode):
     def __init__(
         self, name: str, make_server: Callable[[Node], Server[Any, Any]], **options: Any
     ) -> None:
-        """Declare the parameters; the arm is loaded when it is configured.
-
-        Raises:
-            ConfigError: if a parameter has the wrong type.
-        """
+        """Declare the parameters; ConfigError if one has the wrong type."""
         super().__init__(name, **options)
         self._server = make_server(self)
         for service in self.services:

@@ -141,11 +141,7 @@ class BackbonePublishers:
     """Publishes solved backbones on all topics of one node that somebody receives."""
 
     def __init__(self, node: Node) -> None:
-        """Create the publishers on ``node``.
-
-        Raises:
-            ConfigError: if an override of a QoS policy is impossible; all are destroyed then.
-        """
+        """Create the publishers on ``node``; ConfigError if a QoS override is impossible."""
         self._node = node
         self._opened: list[Publisher] = []
         self._path, self._poses, self._strains, self._tip = (

@@ -44,11 +44,7 @@ class SensorFrames:
         self._complete_at = -math.inf  # time by which transforms published before have come [s]
 
     def open(self) -> None:
-        """Check the QoS overrides of the topics that may be subscribed to later.
-
-        Raises:
-            OctoArmError: if an override of a QoS policy has an impossible value.
-        """
+        """Check QoS overrides of the topics of transforms; ConfigError if one is impossible."""
         for topic, qos in ((_STATIC_TOPIC, _STATIC_QOS), (TF_TOPIC, TF_QOS)):
             if is_overridden(self._node, 'subscription', topic):
                 self._listen(topic, qos)

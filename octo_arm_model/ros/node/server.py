@@ -52,8 +52,7 @@ class Prepared:
     def followed(self) -> tuple[Solver, FollowingWrench]:
         """A solver of the arm under a wrench that turns with its tip, and that wrench.
 
-        Raises:
-            ConfigError: if the model has no loads.
+        ConfigError if the model has no loads.
         """
         tip = FollowingWrench(self.config.arm.length, ZERO)
         loads = replace(self.config.loads, others=(*self.config.loads.others, tip))
@@ -61,11 +60,7 @@ class Prepared:
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> 'Prepared':
-        """Prepare the arm that the parameters ``values`` describe.
-
-        Raises:
-            OctoArmError: if they do not describe an arm; the message says why.
-        """
+        """Prepare the arm that ``values`` describe; OctoArmError if they describe none."""
         description, config = described(values)
         return cls(description, config, config.node_solver())
 
@@ -107,12 +102,9 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         prepare: Callable[[dict[str, Any]], ArmT],
         publishers: Callable[[Node], PublishersT],
     ) -> None:
-        """Declare the parameters ``table`` of ``node``.
+        """Declare the parameters ``table`` of ``node``; ConfigError if a value has the wrong type.
 
         ``prepare`` makes an arm from their values; ``publishers`` creates the publishers.
-
-        Raises:
-            ConfigError: if a value has the wrong type.
         """
         self._node, self._make_publishers = node, publishers
         self._live = LiveParameters(node, table, prepare, self._use)
@@ -129,24 +121,17 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._fields: dict[str, FieldMessage] = {}
 
     def configure(self) -> None:
-        """Load and validate the arm.
-
-        Raises:
-            OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible, or
-                they do not go together.
-        """
+        """Load the arm; OctoArmError if a parameter is missing, unknown, wrong or impossible."""
         self._publishers = self._make_publishers(self._node)
         self._live.begin()
         self._diagnostics.enter('inactive')
 
     def activate(self) -> None:
         """Start answering; ConfigError if an override of a QoS policy has an impossible value."""
-        for topic, message in TENSION_TOPICS.items():
-            self._subscribe_to_tensions(topic, message)
+        self._fields = self._field_messages()
+        self._subscribe()
         self._frames.open()
         self._open()
-        self._fields = self._field_messages()
-        self._open_fields()
         self._diagnostics.enter('')
         check_overrides(self._node)
 
@@ -189,14 +174,10 @@ class Server(ABC, Generic[ArmT, PublishersT]):
     def _on_motors(self, field: str, topic: str, message: Any) -> None:
         """Answer the encoder readings in the ``field`` of a message; OctoArmError if refused."""
 
-    def _subscribe_to_tensions(self, topic: str, message: TensionMessage | FieldMessage) -> None:
-        def take(name: str, reading: Any) -> None:
-            config = self._arm.config
-            readings = message.read(reading, config.arm, config.load_cells.names)
-            self._on_readings(name, stamp_of(reading), readings)
-
-        kind = message_class(message.type_name)
-        self._inputs.subscribe(kind, topic, take, is_apart=False)
+    def _on_tensions(self, kind: TensionMessage | FieldMessage, topic: str, message: Any) -> None:
+        config = self._arm.config
+        readings = kind.read(message, config.arm, config.load_cells.names)
+        self._on_readings(topic, stamp_of(message), readings)
 
     def _field_messages(self) -> dict[str, FieldMessage]:
         config = self._arm.config
@@ -212,20 +193,23 @@ class Server(ABC, Generic[ArmT, PublishersT]):
             for topic in (topic for topic in now if now[topic] != before[topic]):
                 self._inputs.unsubscribe(topic)
             # A topic can change its type only after the executor releases the subscription.
-            self._inputs.work.add(self._open_fields)
+            self._inputs.work.add(self._subscribe)
 
-    def _open_fields(self) -> None:
-        """Subscribe to the topics of messages whose types parameters name."""
-        for topic, message in self._fields.items():
+    def _subscribe(self) -> None:
+        """Subscribe to tensions, and to the topics of messages whose types parameters name."""
+        topics: dict[str, TensionMessage | FieldMessage] = {**TENSION_TOPICS, **self._fields}
+        for topic, message in topics.items():
             if not message.type_name or self._inputs.is_open(topic):
                 continue
+            read, is_motors = partial(self._on_tensions, message), topic == MOTORS_FIELD
+            if is_motors:
+                read = partial(self._on_motors, self._fields[topic].field)
             try:
-                if topic == TENSIONS_FIELD:
-                    self._subscribe_to_tensions(topic, message)
-                else:
-                    kind = message_class(message.type_name)
-                    self._inputs.subscribe(kind, topic, partial(self._on_motors, message.field))
+                kind = message_class(message.type_name)
+                self._inputs.subscribe(kind, topic, read, is_apart=is_motors)
             except OctoArmError as error:
+                if topic in TENSION_TOPICS:
+                    raise
                 self._node.get_logger().error(f'{topic} is not subscribed to: {error}')
 
     def _use(self, prepared: ArmT, names: set[str]) -> None:

@@ -49,11 +49,7 @@ class SimulatorNode(CheckedNode):
     """Publishes the tensions that load cells would measure."""
 
     def __init__(self, **options: Any) -> None:
-        """Read the parameters and start publishing.
-
-        Raises:
-            OctoArmError: if a parameter is missing, unknown, of the wrong type or impossible.
-        """
+        """Read the parameters and start; OctoArmError if one is missing, unknown or impossible."""
         super().__init__('octo_arm_sim', **options)
         self._configured: SimulatorConfig | None = None
         self._folder: Path | None = None  # of the files that states are saved to
@@ -130,9 +126,9 @@ class SimulatorNode(CheckedNode):
     def _on_command(self, name: str, topic: str, message: Any) -> None:
         """Drive the named tendons; the others keep their command."""
         arm = self._config.model.arm
-        tensions, lengths = read_command(name, message, arm)
-        requested = [tensions.get(*item) for item in zip(arm.tendon_names, self._command)]
-        command = check_command(arm, np.array(requested), self._config.limits)
+        tensions, lengths = read_command(name, message, arm, self._config.limits)
+        present = zip(arm.tendon_names, self._command, strict=True)
+        command = np.array([tensions.get(*item) for item in present])
         if name == JOINTS:  # it takes tendons from their lengths, or gives them others
             before = self._drive.held
             held = {tendon: before[tendon] for tendon in before if tendon not in tensions}

@@ -273,11 +273,7 @@ PUSH_TOPIC = 'push/force'
 
 
 def check_frame(header: Header, config: SimulatorConfig, what: str) -> None:
-    """Check that the quantity ``what`` of a message is in the base_frame of ``config``.
-
-    Raises:
-        LoadError: if it is in another frame.
-    """
+    """Raise LoadError if the quantity ``what`` of a message is not in base_frame."""
     if header.frame_id not in ('', config.model.base_frame):
         frame = shown(header.frame_id)
         raise LoadError(f'the {what} is in frame {frame}, expected {config.model.base_frame!r}')
@@ -307,8 +303,7 @@ class PushService:
     def hold(self, message: Vector3Stamped, config: SimulatorConfig, arm: DynamicArm) -> None:
         """Push the ``arm`` of ``config`` with the force of a ``message``, for half a second.
 
-        Raises:
-            LoadError: if it is in another frame than base_frame, not finite, or too large.
+        LoadError if it is in another frame than base_frame, not finite, or too large.
         """
         check_frame(message.header, config, 'force')
         force = np.array([message.vector.x, message.vector.y, message.vector.z])
