@@ -3,24 +3,19 @@
 from launch.substitutions import LaunchConfiguration
 
 from octo_arm_model.analysis.drawing import ARMS, RADIUS, base_pose
-from octo_arm_model.ros.launch_parts import (
-    described,
-    node,
-    overrides,
-    params_file,
-    rviz,
-    sim_time,
-    text,
-    value_of,
-)
+from octo_arm_model.ros import launch_parts as parts
 
 
 def start(context):
     """Return the eight nodes, and on request RViz, for the values of the arguments."""
-    radius = float(value_of('radius', context))
-    file = params_file(context)
-    common = sim_time() | overrides(context, 'model') | {'base_frame': text('base_frame')}
-    actions = [rviz('octopus.rviz', LaunchConfiguration('base_frame'))]
+    radius = float(parts.value_of('radius', context))
+    file = parts.params_file(context)
+    common = (
+        parts.sim_time()
+        | parts.overrides(context, 'model')
+        | {'base_frame': parts.text('base_frame')}
+    )
+    actions = [parts.rviz('octopus.rviz', LaunchConfiguration('base_frame'))]
     for number in range(1, ARMS + 1):
         position, quaternion = base_pose(number, radius)
         parameters = {
@@ -28,14 +23,14 @@ def start(context):
             'base.quaternion': quaternion,
             'frame_prefix': f'arm_{number}_',
         }
-        arm = node('octo_arm_node', 'octo_arm', f'arm_{number}', file, common | parameters)
+        arm = parts.node('octo_arm_node', 'octo_arm', f'arm_{number}', file, common | parameters)
         actions.append(arm)
     return actions
 
 
 def generate_launch_description():
     """Return the arguments and the function that starts everything by their values."""
-    return described(
+    return parts.described(
         start,
         ('params_file', 'use_sim_time', 'rviz', 'model'),
         radius={

@@ -5,19 +5,7 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from octo_arm_model.config.config import load_config
-from octo_arm_model.ros.launch_parts import (
-    PACKAGE,
-    arm_node,
-    base_frame,
-    described,
-    node,
-    overrides,
-    params_file,
-    require,
-    rviz,
-    sim_time,
-    value_of,
-)
+from octo_arm_model.ros import launch_parts as parts
 from octo_arm_model.simulation.simulator import INTERFACES, PLUGIN, in_water, robot_description
 
 CONTROLLER = {'effort': 'tendon_effort_controller', 'position': 'tendon_position_controller'}
@@ -26,27 +14,27 @@ CONTROLLER = {'effort': 'tendon_effort_controller', 'position': 'tendon_position
 def start(context):
     """Return all actions, for the values of the arguments in ``context``."""
     plugin = PLUGIN.partition('/')[0]
-    require('robot_state_publisher', 'controller_manager', 'joint_state_broadcaster', plugin)
-    namespace, file = LaunchConfiguration('namespace'), params_file(context)
-    interface = value_of('interface', context)
+    parts.require('robot_state_publisher', 'controller_manager', 'joint_state_broadcaster', plugin)
+    namespace, file = LaunchConfiguration('namespace'), parts.params_file(context)
+    interface = parts.value_of('interface', context)
     config = load_config(file)
-    prefix = value_of('frame_prefix', context) or config.frame_prefix
-    urdf = robot_description(config, interface, value_of('namespace', context))
-    of_simulator = sim_time() | overrides(context, 'base_frame') | in_water(config)
+    prefix = parts.value_of('frame_prefix', context) or config.frame_prefix
+    urdf = robot_description(config, interface, parts.value_of('namespace', context))
+    of_simulator = parts.sim_time() | parts.overrides(context, 'base_frame') | in_water(config)
     return [
-        arm_node(context),
-        node('octo_arm_sim', 'octo_arm_sim', namespace, file, of_simulator),
+        parts.arm_node(context),
+        parts.node('octo_arm_sim', 'octo_arm_sim', namespace, file, of_simulator),
         Node(
             package='robot_state_publisher',
             executable='robot_state_publisher',
             namespace=namespace,
-            parameters=[{'robot_description': urdf, 'frame_prefix': prefix}, sim_time()],
+            parameters=[{'robot_description': urdf, 'frame_prefix': prefix}, parts.sim_time()],
         ),
         Node(
             package='controller_manager',
             executable='ros2_control_node',
             namespace=namespace,
-            parameters=[LaunchConfiguration('controllers_file'), sim_time()],
+            parameters=[LaunchConfiguration('controllers_file'), parts.sim_time()],
             remappings=[('~/robot_description', 'robot_description')],
             output='screen',
         ),
@@ -57,16 +45,16 @@ def start(context):
             arguments=['joint_state_broadcaster', CONTROLLER[interface]],
             output='screen',
         ),
-        rviz('octo_arm.rviz', base_frame(context), namespace),
+        parts.rviz('octo_arm.rviz', parts.base_frame(context), namespace),
     ]
 
 
 def generate_launch_description():
     """Return the arguments and the function that starts everything by their values."""
     file = PathJoinSubstitution(
-        [FindPackageShare(PACKAGE), 'config/ros2_control/controllers.yaml']
+        [FindPackageShare(parts.PACKAGE), 'config/ros2_control/controllers.yaml']
     )
-    return described(
+    return parts.described(
         start,
         interface={
             'default_value': 'effort',

@@ -4,19 +4,7 @@ from launch.substitutions import LaunchConfiguration
 
 from octo_arm_model.config.config import load_config
 from octo_arm_model.config.parameter_files import load_parameters
-from octo_arm_model.ros.launch_parts import (
-    arm_node,
-    base_frame,
-    described,
-    is_true,
-    node,
-    overrides,
-    params_file,
-    rviz,
-    sim_time,
-    text,
-    value_of,
-)
+from octo_arm_model.ros import launch_parts as parts
 from octo_arm_model.simulation.movements import find_profile
 from octo_arm_model.simulation.pushed_arm import touched
 from octo_arm_model.simulation.simulator import for_arm_node, for_true_arm
@@ -24,42 +12,42 @@ from octo_arm_model.simulation.simulator import for_arm_node, for_true_arm
 
 def start(context):
     """Return all actions, for the values of the arguments in ``context``."""
-    namespace, file = LaunchConfiguration('namespace'), params_file(context)
+    namespace, file = LaunchConfiguration('namespace'), parts.params_file(context)
     of_simulator, of_load_cells = [file], {}
-    if simulator_file := value_of('simulator_file', context):
+    if simulator_file := parts.value_of('simulator_file', context):
         of_simulator.append(LaunchConfiguration('simulator_file'))
         of_load_cells = for_arm_node(load_parameters(simulator_file))
-    common = sim_time() | overrides(context, 'base_frame')
+    common = parts.sim_time() | parts.overrides(context, 'base_frame')
     of_simulator.append(common)
-    if movement := value_of('profile', context):
-        of_simulator.append({'profile.name': text('profile'), 'profile.loop': True})
+    if movement := parts.value_of('profile', context):
+        of_simulator.append({'profile.name': parts.text('profile'), 'profile.loop': True})
     program, of_arm, of_truth = 'octo_arm_node', of_load_cells, {}
     config = load_config(file)
-    if is_true('estimate', context):
+    if parts.is_true('estimate', context):
         profile = find_profile(movement, config.arm) if movement else None
         of_sensors, of_estimator = touched(config, profile)
         of_simulator.append(of_sensors)
         of_truth = {'model': of_sensors['model']}
         program, of_arm = 'octo_arm_estimator', {**of_load_cells, **of_estimator}
     actions = [
-        arm_node(context, program, **of_arm),
-        node('octo_arm_sim', 'octo_arm_sim', namespace, *of_simulator),
-        rviz('octo_arm.rviz', base_frame(context), namespace),
+        parts.arm_node(context, program, **of_arm),
+        parts.node('octo_arm_sim', 'octo_arm_sim', namespace, *of_simulator),
+        parts.rviz('octo_arm.rviz', parts.base_frame(context), namespace),
     ]
-    if is_true('ground_truth', context):
+    if parts.is_true('ground_truth', context):
         # The prefix keeps these frames apart from those of the node and of other arms.
-        prefix = value_of('frame_prefix', context) or config.frame_prefix
+        prefix = parts.value_of('frame_prefix', context) or config.frame_prefix
         # True tensions are not readings of the load cells that the file may describe.
         truth = common | for_true_arm(config.arm) | of_truth
         truth['frame_prefix'] = f'{prefix}ground_truth_'
         name, true_namespace = 'octo_arm', [namespace, '/ground_truth']
-        actions.append(node('octo_arm_node', name, true_namespace, file, truth))
+        actions.append(parts.node('octo_arm_node', name, true_namespace, file, truth))
     return actions
 
 
 def generate_launch_description():
     """Return the arguments and the function that starts everything by their values."""
-    return described(
+    return parts.described(
         start,
         simulator_file={
             'default_value': '',

@@ -9,15 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rcl_interfaces import srv
 from rcl_interfaces.msg import Parameter, ParameterType, SetParametersResult
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
 from rclpy.node import Node
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
@@ -125,12 +118,12 @@ _LAST_SECOND = 2**31 - 1
 _HIGHEST_TYPE = ParameterType.PARAMETER_STRING_ARRAY
 # The parameter services, and the list in each request.
 _LISTS = {
-    DescribeParameters: 'names',
-    GetParameterTypes: 'names',
-    GetParameters: 'names',
-    ListParameters: 'prefixes',
-    SetParameters: 'parameters',
-    SetParametersAtomically: 'parameters',
+    srv.DescribeParameters: 'names',
+    srv.GetParameterTypes: 'names',
+    srv.GetParameters: 'names',
+    srv.ListParameters: 'prefixes',
+    srv.SetParameters: 'parameters',
+    srv.SetParametersAtomically: 'parameters',
 }
 
 
@@ -196,9 +189,9 @@ class CheckedNode(Node):
         self.get_logger().warning(
             f'refused: {reason}', throttle_duration_sec=terminal.WARNING_PERIOD
         )
-        if isinstance(response, SetParametersAtomically.Response):
+        if isinstance(response, srv.SetParametersAtomically.Response):
             response.result = SetParametersResult(successful=False, reason=reason)
-        elif isinstance(response, SetParameters.Response):
+        elif isinstance(response, srv.SetParameters.Response):
             # The parameters without a problem are set.
             request.parameters = [item for item, problem in zip(items, problems) if not problem]
             results = iter(answer(request, response).results)

@@ -25,6 +25,7 @@ from octo_arm_model.config.parameter import ParameterGroup, check_together, refu
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.rod.displacements import Wound, solve_displacements
 from octo_arm_model.rod.solver import Solver
+from octo_arm_model.simulation import movements
 from octo_arm_model.simulation.dynamic_arm import SUFFIX, DynamicArm, HeldLengths
 from octo_arm_model.simulation.hardware import (
     Hardware,
@@ -32,13 +33,6 @@ from octo_arm_model.simulation.hardware import (
     Relaxation,
     SimulatedHardware,
     Winches,
-)
-from octo_arm_model.simulation.movements import (
-    JOINTS,
-    check_command,
-    check_profile,
-    find_profile,
-    tendon_limits,
 )
 from octo_arm_model.simulation.profiles import CommandProfile
 from octo_arm_model.simulation.pushed_arm import Push, PushedArm, Sensors, SimulatedArm
@@ -142,7 +136,7 @@ class SimulatorConfig:
     @functools.cached_property
     def limits(self) -> FloatArray:
         """The limits of the commanded tensions (tendons,) [N]."""
-        return tendon_limits(self.model)
+        return movements.tendon_limits(self.model)
 
     @functools.cached_property
     def profile(self) -> CommandProfile | None:
@@ -153,8 +147,8 @@ class SimulatorConfig:
         """
         if not self.playing.name:
             return None
-        profile = find_profile(self.playing.name, self.model.arm)
-        check_profile(profile, self.model.arm, self.limits)
+        profile = movements.find_profile(self.playing.name, self.model.arm)
+        movements.check_profile(profile, self.model.arm, self.limits)
         return profile
 
     @functools.cached_property
@@ -284,7 +278,7 @@ class TendonDrive:
             config.pushed_arm.check_lengths(lengths)
         elif lengths:
             wound = self._at_rest(lengths, tensions)
-            check_command(config.model.arm, wound.backbone.tensions, config.limits)
+            movements.check_command(config.model.arm, wound.backbone.tensions, config.limits)
             self._wound = wound
         self.held = dict(lengths)
 
@@ -370,10 +364,11 @@ def robot_description(config: Config, interface: str, namespace: str = '') -> st
     hardware = sub(control, 'hardware')
     sub(hardware, 'plugin').text = PLUGIN
     prefix = f'/{namespace.strip("/")}/' if namespace.strip('/') else '/'
-    for name, topic in (('joint_commands_topic', JOINTS), ('joint_states_topic', STATES)):
-        sub(hardware, 'param', name=name).text = prefix + topic
+    for what, topic in (('commands', movements.JOINTS), ('states', STATES)):
+        sub(hardware, 'param', name=f'joint_{what}_topic').text = prefix + topic
     length = f'{config.arm.length:g}'
-    for name, highest in zip(config.arm.tendon_names, tendon_limits(config).tolist(), strict=True):
+    limits = movements.tendon_limits(config).tolist()
+    for name, highest in zip(config.arm.tendon_names, limits, strict=True):
         sub(robot, 'link', name=name)
         joint = sub(robot, 'joint', name=name, type='prismatic')
         sub(joint, 'parent', link='tendons')

@@ -134,45 +134,33 @@ class _Drag(_DragStart, tag='TransformControlsUpdateMessage', kw_only=True):
 _decoder = msgspec.msgpack.Decoder(_Camera | _Value | _Drag | _DragStart | _DragEnd)
 
 
-class Requests:
-    """Checks the messages from pages to one server."""
+def objection_to(data: str | bytes, server: viser.ViserServer | None) -> str:
+    """Return why a message from a page is refused; '' if it is not.
 
-    def __init__(self) -> None:
-        """Create the checks; values and drags are checked after `watch` is called."""
-        self._server: viser.ViserServer | None = None
+    Values and drags are checked against the controls and points of ``server``, once it is there.
+    """
+    if isinstance(data, str):
+        return 'text where a message was expected'
+    try:
+        request = _decoder.decode(data)
+    except (msgspec.MsgspecError, RecursionError, ValueError) as error:
+        return f'no request of this page: {in_short(error)}'
+    if isinstance(request, _Value):
+        control = server and _control(server, request.uuid)
+        # The control may have been removed, as for another arm; viser then ignores this.
+        return '' if control is None else _value_objection(control, request.updates.value)
+    if isinstance(request, _DragStart):
+        handle = server and server.scene.get_handle_by_name(request.name)
+        if not isinstance(handle, viser.TransformControlsHandle):
+            return f'{shown(request.name)} is nothing to be dragged'
+    return ''
 
-    def watch(self, server: viser.ViserServer) -> None:
-        """Check values and drags against the controls and points of ``server``."""
-        self._server = server
 
-    def objection(self, data: str | bytes) -> str:
-        """Return why a message is refused; '' if it is not."""
-        if isinstance(data, str):
-            return 'text where a message was expected'
-        try:
-            request = _decoder.decode(data)
-        except (msgspec.MsgspecError, RecursionError, ValueError) as error:
-            return f'no request of this page: {in_short(error)}'
-        if isinstance(request, _Value):
-            control = self._control(request.uuid)
-            # The control may have been removed, as for another arm; viser then ignores this.
-            return '' if control is None else _value_objection(control, request.updates.value)
-        if isinstance(request, _DragStart):
-            handle = self._server and self._server.scene.get_handle_by_name(request.name)
-            if not isinstance(handle, viser.TransformControlsHandle):
-                return f'{shown(request.name)} is nothing to be dragged'
-        return ''
-
-    def _control(self, uuid: str) -> object | None:
-        if self._server is None:
-            return None
-        clients = self._server.get_clients().values()
-        # viser has no public look-up of a control by its uuid, and another thread may remove it.
-        controls = (
-            gui._gui_input_handle_from_uuid.get(uuid)
-            for gui in (self._server.gui, *(c.gui for c in clients))
-        )
-        return next((control for control in controls if control is not None), None)
+def _control(server: viser.ViserServer, uuid: str) -> object | None:
+    # viser has no public look-up of a control by its uuid, and another thread may remove it.
+    guis = [server.gui, *(client.gui for client in server.get_clients().values())]
+    controls = (gui._gui_input_handle_from_uuid.get(uuid) for gui in guis)
+    return next((control for control in controls if control is not None), None)
 
 
 def _value_objection(control: Any, value: Any) -> str:

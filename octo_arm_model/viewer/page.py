@@ -31,7 +31,7 @@ from octo_arm_model.simulation.movements import tendon_limits
 from octo_arm_model.viewer import numbers, scene
 from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay, MotionControls
-from octo_arm_model.viewer.options import TITLE
+from octo_arm_model.viewer.main import TITLE
 from octo_arm_model.viewer.scene import Cameras, framing, reachable_points, tangent_of
 from octo_arm_model.viewer.server import refusing
 

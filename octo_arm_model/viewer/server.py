@@ -27,8 +27,8 @@ from websockets.http11 import Request, Response
 
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.terminal import RefusalLog
-from octo_arm_model.viewer.access import Access, Requests
-from octo_arm_model.viewer.options import LOOPBACK, TITLE
+from octo_arm_model.viewer.access import Access, objection_to
+from octo_arm_model.viewer.main import LOOPBACK, TITLE
 
 _TITLE = b'<title>Viser</title>'
 _HEAD_END = b'</head>'
@@ -82,7 +82,7 @@ class Guard:
     """The checks of one server.
 
     Attributes:
-        requests: the checks of messages; its `watch` must be called with the server.
+        server: the server, of which controls and points are checked once it is set.
         refuse: logs why something is refused.
         connections: the open connections.
     """
@@ -90,7 +90,8 @@ class Guard:
     def __init__(self, access: Access, title: str) -> None:
         """Accept hosts and origins that ``access`` allows; ``title`` is that of the page."""
         self._access, self._title = access, title
-        self.requests, self.refuse = Requests(), refusing()
+        self.server: viser.ViserServer | None = None
+        self.refuse = refusing()
         self.connections: set[object] = set()
 
     @contextlib.contextmanager
@@ -209,7 +210,7 @@ class _Connection(ServerConnection):
                 if closed.sent is not None and closed.sent.code in _FAULTS:
                     self._guard.refuse(f'a message: {closed.sent.reason}')
                 raise
-            objection = self._guard.requests.objection(data)
+            objection = objection_to(data, self._guard.server)
             now = time.monotonic()
             if now - self._second >= 1.0:
                 self._second, self._count = now, 0
@@ -250,7 +251,7 @@ def serving(
     # The banner of viser is suppressed; one line is printed below.
     with guard.installed(), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host, free, verbose=False)
-    guard.requests.watch(server)
+    guard.server = server
     try:
         in_use = f'port {port} is in use; ' if server.get_port() != port else ''
         print(f'viewer: {in_use}open {url(host, server.get_port())}', flush=True)

@@ -33,14 +33,8 @@ from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.simulator import publishers, services
 from octo_arm_model.ros.start import CheckedNode
+from octo_arm_model.simulation import movements
 from octo_arm_model.simulation.dynamic_arm import DynamicArm, check_values
-from octo_arm_model.simulation.movements import (
-    COMMAND_TOPICS,
-    JOINTS,
-    TOPIC,
-    check_command,
-    read_command,
-)
 from octo_arm_model.simulation.simulator import PARAMETERS, SimulatorConfig, TendonDrive
 from octo_arm_model.wire.tensions import NONE, read_displacements
 
@@ -67,10 +61,12 @@ class SimulatorNode(CheckedNode):
         services.SimulationServices(self, self._time, self._reset, self._save, self._restore)
         count = self._diagnostics.count
         inputs = Inputs(self, self._diagnostics.refuse, lambda older: count('commands', 1 + older))
-        for topic, message in COMMAND_TOPICS.items():
+        for topic, message in movements.COMMAND_TOPICS.items():
             kind = topics.message_class(message.type_name)
             inputs.subscribe(kind, topic, partial(self._on_command, topic))
-        self._lengths = inputs.subscribe(JointState, f'{TOPIC}/displacements', self._on_lengths)
+        self._lengths = inputs.subscribe(
+            JointState, f'{movements.TOPIC}/displacements', self._on_lengths
+        )
         inputs.subscribe(Vector3Stamped, services.PUSH_TOPIC, self._on_push, is_answered=False)
         inputs.subscribe(PoseStamped, 'base_pose', self._on_base, is_answered=False)
         inputs.subscribe(Vector3Stamped, 'current', self._on_current, is_answered=False)
@@ -126,10 +122,10 @@ class SimulatorNode(CheckedNode):
     def _on_command(self, name: str, topic: str, message: Any) -> None:
         """Drive the named tendons; the others keep their command."""
         arm = self._config.model.arm
-        tensions, lengths = read_command(name, message, arm, self._config.limits)
+        tensions, lengths = movements.read_command(name, message, arm, self._config.limits)
         present = zip(arm.tendon_names, self._command, strict=True)
         command = np.array([tensions.get(*item) for item in present])
-        if name == JOINTS:  # it takes tendons from their lengths, or gives them others
+        if name == movements.JOINTS:  # it takes tendons from their lengths, or gives them others
             before = self._drive.held
             held = {tendon: before[tendon] for tendon in before if tendon not in tensions}
             if lengths or held != before:
@@ -220,7 +216,7 @@ class SimulatorNode(CheckedNode):
         state, values = arm.read(path, shapes)
         check_values(values['surroundings'], state.base)
         for tensions in (values['command'], *values['hardware'][:-1]):
-            check_command(config.model.arm, tensions, config.limits)
+            movements.check_command(config.model.arm, tensions, config.limits)
         lengths = zip(names, values['lengths'].tolist(), values['driven'], strict=True)
         held = {name: length for name, length, is_driven in lengths if is_driven}
         arm.check_lengths(held)

@@ -7,15 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import (
-    Point,
-    Pose,
-    PoseArray,
-    PoseWithCovarianceStamped,
-    Vector3,
-    Wrench,
-    WrenchStamped,
-)
+from geometry_msgs import msg as geometry
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -48,10 +40,10 @@ class ArmPublishers:
             create_publisher(node, kind, topic, OUTPUT_QOS)
             for kind, topic in (
                 (JointState, DISPLACEMENTS),
-                (PoseWithCovarianceStamped, TIP_POSE),
-                (PoseArray, MARKERS),
-                (WrenchStamped, BASE_WRENCH),
-                (WrenchStamped, TRUE_WRENCH),
+                (geometry.PoseWithCovarianceStamped, TIP_POSE),
+                (geometry.PoseArray, MARKERS),
+                (geometry.WrenchStamped, BASE_WRENCH),
+                (geometry.WrenchStamped, TRUE_WRENCH),
                 (JointState, STATES),
                 *((message_class(k), f'ground_truth/{t}') for t, k in BACKBONE_TOPICS.items()),
             )
@@ -86,15 +78,17 @@ class ArmPublishers:
         )
         if pose_due:
             pose = arm.tip_pose()
-            message = PoseWithCovarianceStamped(header=header)
+            message = geometry.PoseWithCovarianceStamped(header=header)
             message.pose.pose = pose_message(np.array(pose.position), np.array(pose.quaternion))
             stddev = np.repeat([sensors.tip_position_stddev, sensors.tip_rotation_stddev], 3)
             message.pose.covariance = np.diag(stddev**2).ravel()
             self._tip.publish(message)
         if markers_due:
-            points = [Point(x=x, y=y, z=z) for x, y, z in arm.markers().tolist()]
+            points = [geometry.Point(x=x, y=y, z=z) for x, y, z in arm.markers().tolist()]
             self._markers.publish(
-                PoseArray(header=header, poses=[Pose(position=point) for point in points])
+                geometry.PoseArray(
+                    header=header, poses=[geometry.Pose(position=point) for point in points]
+                )
             )
         if wrench_due:
             measured = arm.base_wrench()
@@ -121,10 +115,12 @@ class ArmPublishers:
             publisher.publish(data)
 
 
-def _wrench(header: Header, values: FloatArray) -> WrenchStamped:
+def _wrench(header: Header, values: FloatArray) -> geometry.WrenchStamped:
     """Return a message with force and moment ``values`` (6,) [N, N m]."""
-    force, torque = (Vector3(x=x, y=y, z=z) for x, y, z in values.reshape(2, 3).tolist())
-    return WrenchStamped(header=header, wrench=Wrench(force=force, torque=torque))
+    force, torque = (geometry.Vector3(x=x, y=y, z=z) for x, y, z in values.reshape(2, 3).tolist())
+    return geometry.WrenchStamped(
+        header=header, wrench=geometry.Wrench(force=force, torque=torque)
+    )
 
 
 # The commanded quantity, by its unit N or m, and its value, by tendon.
