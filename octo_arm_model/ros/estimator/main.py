@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 
-from octo_arm_model.arm.errors import MeasurementError, OctoArmError
+from octo_arm_model.arm.errors import MeasurementError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
@@ -163,7 +163,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         step_back = 1e-9 * (self._newest.get(topic, resolved).ns - resolved.ns)
         if step_back > self._arm.settings.given.window + _BACK:  # as when a bag is played again
             words = f'stamps run back by {step_back:.3g} s; the estimate is reset'
-            self._refusal_log.add(topic, words)
+            self._diagnostics.log.add(topic, words)
             self._status.ran_back(topic)
             estimator = self._reset_estimate()
         start = time.perf_counter()
@@ -178,7 +178,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
                 'the estimate is reset: sensors have contradicted it for '
                 f'{arm.settings.rules.recover_after:g} s (estimator.recover_after)'
             )
-            self._refusal_log.add(topic, words)
+            self._diagnostics.log.add(topic, words)
         outbox.describe(arm.models[update.hypothesis].solver, arm.config)
         outbox.publish_estimate(update.estimate, newest)
         self._diagnostics.answered(update.estimate.backbone, duration)
@@ -200,10 +200,6 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             )
         return resolved
 
-    def _refuse(self, topic: str, error: OctoArmError) -> None:
-        super()._refuse(topic, error)
-        self._status.refused(topic, error)
-
     def _warn_of_rejected(self, update: EstimatorOutput) -> None:
         """Log each sensor whose measurement the gate has rejected."""
         for innovation in update.innovations:
@@ -212,7 +208,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
                 is_beyond = square > chi_square_limit(self._arm.settings.rules.gate, size)
                 why = 'contradicts the estimate by' if is_beyond else 'is still doubted, now with'
                 words = f'it {why} a normalised square of {square:.3g} in {size} number(s)'
-                self._refusal_log.add(f'{innovation.name} refused', words)
+                self._diagnostics.log.add(f'{innovation.name} refused', words)
 
 
 NAME = 'octo_arm_estimator'

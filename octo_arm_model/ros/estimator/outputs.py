@@ -6,14 +6,13 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
-from octo_arm_model.arm.errors import OctoArmError, in_short
 from octo_arm_model.config.config import Config
 from octo_arm_model.estimation.estimate import NO_CONTACT, Estimate, contact_of
 from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
 from octo_arm_model.estimation.rules import Consistency
 from octo_arm_model.rod.sensitivity import chi_square_limit
 from octo_arm_model.rod.solver import Solver
-from octo_arm_model.ros.node.diagnostics import make_status
+from octo_arm_model.ros.node.diagnostics import Diagnostics, make_status
 from octo_arm_model.ros.node.outputs import BackbonePublishers, is_heard
 from octo_arm_model.ros.topics import message_class
 from octo_arm_model.wire.estimate import BESIDES, EstimateWriter
@@ -39,36 +38,31 @@ class EstimateStatus:
         self._update: EstimatorOutput | None = None
         self._newest_ns = 0
         self._late = self._restarts = 0
-        self._used, self._unused, self._reason = 0, 0, ''
 
     def add(self, update: EstimatorOutput, stamp_ns: int) -> None:
         """Record the ``update`` by a measurement, and the newest stamp [ns]."""
         self._newest_ns = stamp_ns
         self._update = update
-        self._used += 1
-
-    def refused(self, topic: str, error: OctoArmError) -> None:
-        """Record that a measurement on ``topic`` was refused because of ``error``."""
-        self._unused += 1
-        self._reason = f'{topic}: {in_short(error)}'
 
     def ran_back(self, topic: str) -> None:
         """Record a reset of the estimate because the stamps of ``topic`` ran back."""
         self._run_back[topic] = self._run_back.get(topic, 0) + 1
 
-    def report(self, idle: str) -> DiagnosticStatus:
-        """Return the present status; ``idle`` is the state of an inactive node, else ''."""
+    def report(self, diagnostics: Diagnostics) -> DiagnosticStatus:
+        """Return the present status, with what ``diagnostics`` have counted lately."""
         estimator, config, update = self._estimator, self._config, self._update
         problems = [
             f'stamps of {topic} ran back, the estimate was reset {count} time(s)'
             for topic, count in sorted(self._run_back.items())
         ]
-        if self._unused and not self._used:
-            problems.append(f'none of {self._unused} measurements could be used: {self._reason}')
-        fine = 'estimating' if self._used else 'waiting'
-        self._run_back, self._used, self._unused = {}, 0, 0
+        self._run_back = {}
+        used, refused, failed = (diagnostics.lately[w] for w in ('answered', 'refused', 'failed'))
+        if refused + failed and not used:
+            reason = diagnostics.reason if refused else diagnostics.failure
+            problems.append(f'none of {refused + failed} measurements could be used: {reason}')
+        fine = 'estimating' if used else 'waiting'
         if estimator is None or config is None or update is None:
-            problem = idle or '; '.join(problems)
+            problem = diagnostics.idle or '; '.join(problems)
             return make_status('estimate', DiagnosticStatus.WARN, problem, 'waiting', {})
         values: dict[str, object] = {
             'hypothesis': update.hypothesis,

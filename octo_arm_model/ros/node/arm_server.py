@@ -219,7 +219,7 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         outbox.publish(answer.backbone, answer.covariance, resolved)
         if answer.unknown is not None:
             self._diagnostics.tip_unknown(answer.unknown)
-            self._refusal_log.add(f'{TIP_POSE} not published', in_short(answer.unknown))
+            self._diagnostics.log.add(f'{TIP_POSE} not published', in_short(answer.unknown))
         if driven_arm.displacements:
             outbox.publish_tensions(answer.backbone, resolved)
         self._diagnostics.answered(answer.backbone, duration)

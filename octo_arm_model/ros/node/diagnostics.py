@@ -20,6 +20,7 @@ from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.topics import create_publisher
 from octo_arm_model.ros.work import steady_timer, until_shutdown
+from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.wire.messages import Refusals, Stamp, time_of
 
 # Tolerance in steps of /clock: a message may precede the next step, and one step may be lost.
@@ -73,6 +74,8 @@ class Report(ABC):
     """Counts what happens to a node, and publishes its statuses once a period.
 
     Attributes:
+        log: log of what is refused.
+        reason: why the last message was refused, '' before.
         totals: counts by what happened.
         lately: counts since the last report.
         period: time between the last two reports [s], since a solve may delay one.
@@ -82,6 +85,7 @@ class Report(ABC):
         """Report on ``node``."""
         self._node = node
         self.totals, self.lately = defaultdict[str, float](int), defaultdict[str, float](int)
+        self.log, self.reason = RefusalLog(node.get_logger().warning), ''
         self._reported, self.period = time.monotonic(), PERIOD
         self._publisher = create_publisher(node, DiagnosticArray, TOPIC, QOS)
         steady_timer(node, PERIOD, self._report)
@@ -90,6 +94,12 @@ class Report(ABC):
         """Add ``number`` to the counts of ``what``."""
         self.totals[what] += number
         self.lately[what] += number
+
+    def refused(self, topic: str, error: OctoArmError) -> None:
+        """Count and log a message on ``topic`` that is refused because of ``error``."""
+        self.count('refused')
+        self.reason = f'{topic}: {in_short(error)}'
+        self.log.add(f'{topic} refused', in_short(error))
 
     @abstractmethod
     def _statuses(self) -> list[DiagnosticStatus]:
@@ -116,8 +126,9 @@ class Diagnostics(Report):
         is_used: says whether the newest message on a topic, by its whole name, has an effect.
         clock: the clock that stamps are compared with.
         arm: the arm that keeps the history of friction, or None.
-        parts: functions that make further statuses, called with the state of an inactive node,
-            else with ''.
+        idle: state of an inactive node, '' for an active one.
+        failure: why the last message that was not answered had no shape, '' before.
+        parts: functions that make further statuses from these diagnostics.
     """
 
     def __init__(self, node: Node, inputs: Inputs) -> None:
@@ -125,14 +136,14 @@ class Diagnostics(Report):
         super().__init__(node)
         self._inputs = inputs
         self.describe(None)
-        self._idle = ''
+        self.idle = ''
         self.is_used: Callable[[str], bool] = lambda topic: True
-        self.parts: list[Callable[[str], DiagnosticStatus]] = []
+        self.parts: list[Callable[[Diagnostics], DiagnosticStatus]] = []
         self.arm: DrivenArm | None = None
         self._topics = set[tuple[str, bool]]()
         self._newest: dict[str, float] = {}
         self._last: float | None = None
-        self._reason = self._failure = self._unknown = ''
+        self.failure = self._unknown = ''
         self._refusals = Refusals()
         self._backbone: Backbone | None = None
         self.clock = SteppedClock(node)
@@ -145,7 +156,7 @@ class Diagnostics(Report):
 
     def enter(self, state: str) -> None:
         """Report on a node that is inactive, in ``state``, from now on; '' for an active one."""
-        self._idle, self._newest, self._last = state, {}, None
+        self.idle, self._newest, self._last = state, {}, None
 
     def received(self, topic: str, stamp: Stamp | None, *, is_tensions: bool = False) -> None:
         """Count a message with its ``stamp``, or None.
@@ -181,18 +192,18 @@ class Diagnostics(Report):
         self._unknown = in_short(error)
 
     def refused(self, topic: str, error: OctoArmError) -> None:
-        """Count a message that was not answered because of ``error``."""
+        """Count and log a message on ``topic`` that is not answered because of ``error``."""
         if isinstance(error, SolveError):
             self.count('failed')
             self.count('unaffordable', int(isinstance(error, ContinuationError)))
-            self._failure = in_short(error)
+            self.failure = in_short(error)
+            self.log.add(f'{topic} refused', self.failure)
         else:
-            self.count('refused')
-            self._reason = f'{topic}: {in_short(error)}'
+            super().refused(topic, error)
             self._refusals.count(topic, in_short(error))
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        more = (part(self._idle) for part in self.parts)
+        more = (part(self) for part in self.parts)
         statuses = [self._solver_status(), self._input_status(), self._output_status(), *more]
         self._topics.clear()
         return statuses
@@ -200,7 +211,7 @@ class Diagnostics(Report):
     def _solver_status(self) -> DiagnosticStatus:
         failed, answered = self.lately['failed'], self.lately['answered']
         unknown, busy = self.lately['tip unknown'], self.lately['busy']
-        problem = self._idle or (f'no answer to {failed}: {self._failure}' if failed else '')
+        problem = self.idle or (f'no answer to {failed}: {self.failure}' if failed else '')
         if unknown and not problem:
             problem = f'no covariance, and so no tip_pose, for {unknown}: {self._unknown}'
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
@@ -218,7 +229,7 @@ class Diagnostics(Report):
                 'time per solve [ms]': f'{1e3 * busy / answered:.3f}' if answered else '',
                 'failures': self.totals['failed'],
                 'beyond solve_budget': self.totals['unaffordable'],
-                'last failure': self._failure,
+                'last failure': self.failure,
                 'shapes without tip_pose': self.totals['tip unknown'],
                 'friction history kept': self.arm is not None and self.arm.has_history,
                 'friction history forgotten after a gap': self.arm.forgotten if self.arm else 0,
@@ -227,8 +238,8 @@ class Diagnostics(Report):
 
     def _input_status(self) -> DiagnosticStatus:
         lately = self.lately
-        if self._idle:
-            problems = [self._idle]
+        if self.idle:
+            problems = [self.idle]
         else:
             problems = self._inputs.silent(self._limits.silence_limit, self.is_used)
         now, is_simulated = 1e-9 * self.clock.now_ns, self._node.get_parameter('use_sim_time')
@@ -237,7 +248,7 @@ class Diagnostics(Report):
         elif is_simulated.value and self._node.count_publishers('/clock') > 1:
             problems.append('several sources: several publishers on /clock')
         if lately['refused']:
-            problems.append(f'{lately["refused"]} refused: {self._reason}')
+            problems.append(f'{lately["refused"]} refused: {self.reason}')
         topics = sorted(topic for topic, _ in self._topics)
         tension_topics = sorted(topic for topic, is_tensions in self._topics if is_tensions)
         if len(tension_topics) > 1:
@@ -267,7 +278,7 @@ class Diagnostics(Report):
                 'source': ', '.join(topics),
                 'publishers': sum(publishers.values()),
                 'refused': self.totals['refused'],
-                'last refusal': self._reason,
+                'last refusal': self.reason,
                 'refused by reason': '; '.join(self._refusals.lines())[:_LONGEST],
                 'stamps running backwards': self.totals['backwards'],
                 'stamps from the future': self.totals['ahead'],
@@ -278,7 +289,7 @@ class Diagnostics(Report):
 
     def _output_status(self) -> DiagnosticStatus:
         skipped, answered = self.lately['skipped'], self.lately['answered']
-        problem = self._idle or (f'{skipped} skipped for newer ones' if skipped else '')
+        problem = self.idle or (f'{skipped} skipped for newer ones' if skipped else '')
         return make_status(
             'output',
             DiagnosticStatus.WARN,

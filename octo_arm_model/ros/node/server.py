@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
 
-from octo_arm_model.arm.errors import ConfigError, OctoArmError, in_short
+from octo_arm_model.arm.errors import ConfigError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.arm.loads import ZERO, FollowingWrench
@@ -24,7 +24,6 @@ from octo_arm_model.ros.node.inputs import Inputs, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.topics import check_overrides, message_class
-from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMessage
 
@@ -111,12 +110,13 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         self._prepared: ArmT | None = None
         self._publishers: PublishersT | None = None
         self._inputs = Inputs(
-            node, self._refuse, lambda older: self._diagnostics.count('skipped', older)
+            node,
+            lambda topic, error: self._diagnostics.refused(topic, error),
+            lambda older: self._diagnostics.count('skipped', older),
         )
         self._frames = SensorFrames(node, self._inputs.look_again)
         self._diagnostics = Diagnostics(node, self._inputs)
         self._diagnostics.enter('unconfigured')
-        self._refusal_log = RefusalLog(node.get_logger().warning)
         # While the server is active: the messages whose types parameters name, by topic.
         self._fields: dict[str, FieldMessage] = {}
 
@@ -232,7 +232,3 @@ class Server(ABC, Generic[ArmT, PublishersT]):
         """The present arm, which is set while messages are answered."""
         assert self._prepared is not None
         return self._prepared
-
-    def _refuse(self, topic: str, error: OctoArmError) -> None:
-        self._diagnostics.refused(topic, error)
-        self._refusal_log.add(f'{topic} refused', in_short(error))

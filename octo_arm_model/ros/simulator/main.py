@@ -60,7 +60,9 @@ class SimulatorNode(CheckedNode):
         self._live.begin()
         services.SimulationServices(self, self._time, self._reset, self._save, self._restore)
         count = self._diagnostics.count
-        inputs = Inputs(self, self._diagnostics.refuse, lambda older: count('commands', 1 + older))
+        inputs = Inputs(
+            self, self._diagnostics.refused, lambda older: count('commands', 1 + older)
+        )
         for topic, message in movements.COMMAND_TOPICS.items():
             kind = topics.message_class(message.type_name)
             inputs.subscribe(kind, topic, partial(self._on_command, topic))

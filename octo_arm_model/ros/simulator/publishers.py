@@ -20,7 +20,6 @@ from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.topics import create_publisher, message_class, pose_message
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.simulator import STATES, SimulatorConfig
-from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS, BackboneWriter
 from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, TIP_POSE
 from octo_arm_model.wire.tensions import DISPLACEMENTS
@@ -196,9 +195,6 @@ class SimulatorDiagnostics(Report):
 
     It counts 'commands', 'refused' ones, readings 'published' and 'lost', 'failed' steps, the time
     'simulated', and that by which the arm fell 'behind' the clock [s].
-
-    Attributes:
-        log: log of refused messages.
     """
 
     def __init__(self, node: Node, following: Callable[[], tuple[str, str]]) -> None:
@@ -207,14 +203,7 @@ class SimulatorDiagnostics(Report):
         ``following`` returns what the simulator follows, and a problem of it or ''.
         """
         super().__init__(node)
-        self._following, self.log = following, RefusalLog(node.get_logger().warning)
-        self._reason = self._failure = ''
-
-    def refuse(self, topic: str, error: OctoArmError) -> None:
-        """Count a command on ``topic`` as refused, and log the reason."""
-        self.count('refused')
-        self._reason = f'{topic}: {in_short(error)}'
-        self.log.add(f'{topic} refused', in_short(error))
+        self._following, self._failure = following, ''
 
     def fail(self, error: OctoArmError) -> None:
         """Count a step of the arm as failed, and log the reason."""
@@ -226,7 +215,7 @@ class SimulatorDiagnostics(Report):
         recent, (source, problem) = self.lately, self._following()
         problems = [problem] if problem else []
         if refused := recent['refused']:
-            problems.append(f'{refused:.0f} refused: {self._reason}')
+            problems.append(f'{refused:.0f} refused: {self.reason}')
         if failed := recent['failed']:
             problems.append(f'{failed:.0f} steps failed: {self._failure}')
         if recent['behind'] > _SLOW * recent['simulated']:
@@ -241,7 +230,7 @@ class SimulatorDiagnostics(Report):
                 'source': source,
                 'commands [Hz]': f'{recent["commands"] / self.period:.1f}',
                 'refused': int(self.totals['refused']),
-                'last refusal': self._reason,
+                'last refusal': self.reason,
                 'readings [Hz]': f'{recent["published"] / self.period:.1f}',
                 'readings lost': int(self.totals['lost']),
                 'real time factor': f'{recent["simulated"] / self.period:.2f}',
