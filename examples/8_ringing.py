@@ -39,7 +39,7 @@ if len(sys.argv) > 1:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 4.0), layout='constrained')
-    axes = figure.add_subplot(xlabel='time [s]', ylabel='tip from its place [mm]')
+    axes = figure.add_subplot(xlabel='time [s]', ylabel='tip from its final place [mm]')
     size = 1e3 / np.linalg.norm(place - [arm.length, 0.0, 0.0])
     axes.plot(time, size * along)
     decay = -2.0 * np.pi * slowest.frequencies[0] * slowest.damping[0]

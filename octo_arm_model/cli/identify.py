@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import json
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -124,7 +125,7 @@ DESCRIPTION = f"""\
 Fit the arm to midlines or tips measured in a recorded experiment, by robust least squares, with
 confidence intervals and correlations. These can be fitted, by default youngs_modulus:
 
-  {'  '.join(FITS)}
+{textwrap.indent(textwrap.fill(', '.join(FITS), 95), '  ')}
 
 poisson_ratio, sheath_stiffness and tendon_offsets need the model exact. rest_curvature, _torsion,
 bending_stiffness (E J of a uniform arm) and friction need another model than renda2012; friction
@@ -148,12 +149,12 @@ examples:
   octo-arm identify trial --displacements /servos:angle --spools 0.01 --fit displacement_scale
 
 Intervals come from leaving out one load at a time, with all its repeats, and Student's t, with one
-degree of freedom less than there are loads that matter. They include what differs from one load to
-another (noise, errors of single tensions) and a bias as large as the model error floor, the misfit
-at left-out loads beyond the noise. They do not include what looks like another modulus (a wrong
+degree of freedom less than there are loads that matter. They include errors that differ from load
+to load (noise, errors of single tensions) and a bias as large as the model error, the misfit at
+left-out loads beyond the noise. They do not include errors that look like another modulus (a wrong
 length, friction while tensions only rise). The chosen model is the one that best explains loads
-that it was not fitted to. If others with other values do as well, up to chance or 10 %,
-that is reported, with the interval of all of them together. Without --loss, the loss with the
+that it was not fitted to. If another explains them as well, within 10 % or chance, and has other
+values, that is reported with the interval of all of them. Without --loss, the loss with the
 smaller misfit at left-out loads is chosen.
 
 """

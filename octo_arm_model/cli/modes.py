@@ -71,8 +71,9 @@ def draw_modes(path: Path, result: Modes, backbone: Backbone) -> None:
         axes = figure.add_subplot(-(-count // 4), min(count, 4), number, projection='3d')
         for amplitude, colour in ((-size, '0.6'), (0.0, 'C0'), (size, '0.6')):
             axes.plot(*(backbone.position + amplitude * shape).T, color=colour)
-        axes.set_title(f'{result.frequencies[number - 1]:.4g} Hz')
+        axes.set_title(f'mode {number}, {result.frequencies[number - 1]:.4g} Hz')
         set_limits(axes, equal_axes(backbone.position, 0.6))
         axes.locator_params(nbins=4)
         axes.set_box_aspect(None, zoom=0.8)  # leaves room for the labels
+    figure.suptitle('Equilibrium (blue) and both ends of the oscillation (grey)')
     figure.savefig(path, dpi=120, format='png', bbox_inches='tight')

@@ -43,8 +43,8 @@ from the unloaded shape after a stamp that runs backwards. The loads are those o
 tip_wrench in IN is not applied. With --dynamic the arm is at rest at first, and again after stamps
 that run backwards or are more than 10 s apart. If a step fails, there are no answers until then.
 
-OUT appears when it is complete, and not at all after Ctrl-C or on a full disk. The models of the
-paper are faster if numba is installed (the extra compiled).
+OUT appears when it is complete, and not at all after Ctrl-C or on a full disk. Shapes are solved
+faster if numba is installed (the extra compiled).
 
 exit status: 0 done, 1 no message has a trustworthy answer, 2 the input is wrong (no bag, damaged,
 no tensions, none for this arm) or OUT cannot be written, 130 interrupted

@@ -10,7 +10,7 @@ SUMMARY = "recompute the paper's figures, tables and claims, on one page"
 DESCRIPTION = """\
 Recompute the paper's figures and tables with all three models, check the claims of its text, and
 write the results to one page, OUTDIR/renda2012.html, which needs no other file and no network. A
-browser prints it on A4. The command takes about five seconds and needs matplotlib.
+browser prints it on A4. The command takes some ten seconds and needs matplotlib.
 """
 EPILOG = """\
 example:

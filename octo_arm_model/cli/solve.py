@@ -71,7 +71,7 @@ OPTIONS = f"""\
 {arguments.ARM}
 {arguments.tensions('all others are slack')}
 --displacements LENGTHS: lengths that winches have reeled in [m], by name of the tendon, e.g.
-    {_NAMED}, or as JSON; --tensions are by name then, of tendons driven by tension
+    {_NAMED}, or as JSON; --tensions then has those of the other tendons, by name
 {arguments.JSON}
 """
 

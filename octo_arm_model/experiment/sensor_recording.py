@@ -254,7 +254,7 @@ def _camera(
     if alignment is None and recording.frame_id == config.base_frame:
         alignment = Alignment.none()
     elif alignment is None:
-        notes.append(f'the pose of {recording.frame_id!r} is fitted, to each of both shapes')
+        notes.append(f'the pose of {recording.frame_id!r} is fitted, once for each shape')
     pairing = Pairing(offset=sources.clock_offset)
     lines = base_first(recording, pairing, config, alignment, notes)
     ahead = camera_offset(recording, pairing, config, lines, notes)
