@@ -367,8 +367,8 @@ class Rod:
         It has the tensions of ``target``, or part of them, or none, without other loads.
         """
         initial = target._replace(tip_wrench=np.zeros(6), factor=0.0)
-        if problem.contact is not None:
-            return self._straight(problem, initial)
+        if problem.contact is not None and (straight := self._straight(problem, initial)):
+            return straight
         if problem.friction is None and problem.discs is None:
             return initial, self.unloaded(problem, initial)[0]
         for part in (1.0, _REDUCED):
@@ -384,12 +384,21 @@ class Rod:
             return initial._replace(tensions=np.zeros_like(target.tensions)), z
         return initial, self.unloaded(problem, initial)[0]
 
-    def _straight(self, problem: Problem, condition: Condition) -> tuple[Condition, FloatArray]:
-        """Return ``condition`` without tensions, and nearly the twists (N, m) beside obstacles."""
+    def _straight(
+        self, problem: Problem, condition: Condition
+    ) -> tuple[Condition, FloatArray] | None:
+        """Return ``condition`` without tensions, and nearly the twists (N, m) beside obstacles.
+
+        None if the arm without tensions is inside an obstacle: then it has no side to begin on.
+        """
+        assert problem.contact is not None
         condition = condition._replace(tensions=np.zeros_like(condition.tensions))
         z = unloaded_twists(problem.tables, problem.strains)
         state = newton(problem, problem.evaluate(problem.at_nodes(condition), z), ON_THE_WAY).state
-        return condition, state.z if state.residual <= ON_THE_WAY else z
+        if state.residual <= ON_THE_WAY:
+            return condition, state.z
+        problem.orient(z)
+        return None if problem.contact.inside(problem.places()) else (condition, z)
 
     def _from_unloaded(self, target: Condition, level: int, spending: Spending) -> Verdict:
         """Search from the unloaded shape: by Newton's method, else by continuation."""

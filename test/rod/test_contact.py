@@ -176,6 +176,16 @@ def test_obstacle_that_is_not_touched_costs_no_accuracy():
     )
 
 
+def test_arm_that_a_tendon_pulls_away_is_found_though_a_ball_is_where_it_is_unloaded():
+    ball = Sphere((0.3, 0.0, 0.003), 0.02, stiffness=2e6)
+    solver, alone = (solver_of(*each, accuracy=1e-8) for each in ((ball,), ()))
+    free = alone.solve([[1.0, 0.0]])
+    assert ball.nearest(free.position)[0].min() > RADIUS
+    assert solver.solve([[1.0, 0.0]]).tip == pytest.approx(free.tip, abs=2e-8 * LENGTH)
+    with pytest.raises(ConvergenceError, match=r'0.017 m inside loads.obstacles\[0\]'):
+        solver.solve(SLACK)
+
+
 @pytest.mark.parametrize('at', [0.4, 0.4004, 0.4008])
 def test_slender_arm_does_not_pass_through_an_equally_thin_post(at):
     arm, radius = slender(1e-3), 1e-3
