@@ -10,7 +10,6 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.displacements import Wound, solve_displacements, wound_sensitivity
-from octo_arm_model.rod.sensitivity import Uncertainty
 from octo_arm_model.rod.solver import Solver
 
 
@@ -47,7 +46,7 @@ class DrivenArm:
         """Forget tensions, displacements and shapes, but not the newest stamps."""
         self.displacements: dict[str, float] = {}
         self.tensions: FloatArray | None = None
-        self._last: Backbone | Wound | None = None
+        self._shape: Backbone | None = None  # the last one
 
     def change_config(self, before: Config, now: Config) -> list[str]:
         """Go on with the arm of ``now`` after the arm of ``before``.
@@ -75,7 +74,7 @@ class DrivenArm:
                 dropped.append(
                     'friction history forgotten: arm, model, base, loads or stations have changed'
                 )
-            self._last = None
+            self._shape = None
         return dropped
 
     def answer(
@@ -111,11 +110,6 @@ class DrivenArm:
             raise
 
     @property
-    def _shape(self) -> Backbone | None:
-        """The last shape."""
-        return self._last.backbone if isinstance(self._last, Wound) else self._last
-
-    @property
     def has_history(self) -> bool:
         """Whether the last shape has a history of friction."""
         return self._shape is not None and self._shape.point_tensions is not None
@@ -130,42 +124,35 @@ class DrivenArm:
         """
         newest = self._newest_ns
         if time_ns < newest.get(source, time_ns):
-            self._newest_ns, self._last = {source: time_ns}, None
+            self._newest_ns, self._shape = {source: time_ns}, None
             return
         gap = time_ns - max(newest.values(), default=time_ns)
         self._newest_ns = {**newest, source: time_ns}
-        if not (0.0 < seconds < 1e-9 * gap and self.has_history):
-            return
-        self.forgotten += 1
-        # The shape is still the start of the continuation of a loaded arm.
-        assert self._shape is not None
-        last, shape = self._last, replace(self._shape, point_tensions=None)
-        self._last = replace(last, backbone=shape) if isinstance(last, Wound) else shape
+        if self._shape is not None and self.has_history and 0.0 < seconds < 1e-9 * gap:
+            self.forgotten += 1
+            # The shape is still the start of the continuation of a loaded arm.
+            self._shape = replace(self._shape, point_tensions=None)
 
     def _answer(
         self, solver: Solver, config: Config, tip_wrench: FloatArray | None, has_covariance: bool
     ) -> Answer:
         tensions = np.zeros(config.arm.tension_shape) if self.tensions is None else self.tensions
+        wound: Wound | None = None
         if not self.displacements:
-            self._last = solver.follow(tensions, self._shape, tip_wrench)
+            self._shape = shape = solver.follow(tensions, self._shape, tip_wrench)
         else:
             pairs = zip(config.arm.tendon_names, tensions.ravel().tolist(), strict=True)
             driven = {name: one for name, one in pairs if name not in self.displacements}
-            self._last = solve_displacements(
-                solver, self.displacements, driven, self._last, tip_wrench
+            wound = solve_displacements(
+                solver, self.displacements, driven, self._shape, tip_wrench
             )
-        backbone = self._shape
-        assert backbone is not None
+            self._shape = shape = wound.backbone
         if not has_covariance:
-            return Answer(backbone, None)
+            return Answer(shape, None)
         try:
-            return Answer(backbone, self._covariance(solver, config.uncertainty))
+            if wound is None or not config.uncertainty.is_any:
+                return Answer(shape, solver.tip_covariance(shape, config.uncertainty))
+            sensitivity = wound_sensitivity(solver, wound)
+            return Answer(shape, sensitivity.tip_covariance(config.uncertainty))
         except OctoArmError as error:
-            return Answer(backbone, None, error)
-
-    def _covariance(self, solver: Solver, uncertainty: Uncertainty) -> FloatArray:
-        """Return the covariance (6, 6) of the pose of the tip of the last shape."""
-        if isinstance(self._last, Wound) and uncertainty.is_any:
-            return wound_sensitivity(solver, self._last).tip_covariance(uncertainty)
-        assert self._shape is not None
-        return solver.tip_covariance(self._shape, uncertainty)
+            return Answer(shape, None, error)

@@ -136,7 +136,6 @@ class _Search:
         self._solver, self._target, self._limit = solver, target, limit
         self._stiffness, self._pause = stiffness, pause
         self._solved: tuple[bytes, Backbone, Sensitivity] | None = None
-        self._last: Backbone | None = None
         # Solutions at local minima, as a loaded arm may not come back to them from elsewhere.
         self._cache: dict[bytes, tuple[Backbone, Sensitivity]] = {}
         self.iterations = 0
@@ -149,8 +148,8 @@ class _Search:
             self._pause()
             tensions = np.clip(part, 0.0, 1.0) * self._limit
             shape = self._solver.arm.tension_shape
-            backbone = self._solver.solve(tensions.reshape(shape), start=self._last)
-            self._last = backbone
+            last = None if self._solved is None else self._solved[1]
+            backbone = self._solver.solve(tensions.reshape(shape), start=last)
             self.iterations += 1
             self._pause()  # with friction the derivatives take longer than the solve
             self._solved = key, backbone, self._solver.sensitivity(backbone)
@@ -170,7 +169,7 @@ class _Search:
         jacobian = self._target.jacobian(backbone, sensitivity.by_tension)
         if self._stiffness is not None:
             # The stiffness is analytic; its derivative is by finite differences.
-            solved, last = self._solved, self._last
+            solved = self._solved
             logarithm = np.log(self._stiffness.of(sensitivity))
             row = np.empty(part.size)
             for j in range(part.size):
@@ -179,7 +178,7 @@ class _Search:
                 changed = np.log(self._stiffness.of(self._evaluate(moved)[1]))
                 row[j] = (changed - logarithm) / (moved[j] - part[j]) / self._limit[j]
             jacobian = np.vstack([jacobian, row * self._solver.arm.length])
-            self._solved, self._last = solved, last
+            self._solved = solved
         return jacobian * self._limit
 
     def distance(self, part: FloatArray) -> float:
