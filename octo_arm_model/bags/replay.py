@@ -301,13 +301,10 @@ def open_copies(
     copies: dict[tuple[str, str], Connection] = {}
     left_out: dict[str, str] = {}
     for source in reader.connections():
-        key = source.topic, source.msgtype
         if source.topic in written:
             left_out[source.topic] = 'written anew'
-        elif key not in copies:
-            copy = writer.add_copy(reader, source)
-            if copy is None:
-                left_out[source.topic] = f'nothing says what {source.msgtype} is'
-            else:
-                copies[key] = copy
+        elif (copy := writer.add_copy(reader, source)) is None:
+            left_out[source.topic] = f'nothing says what {source.msgtype} is'
+        else:
+            copies[source.topic, source.msgtype] = copy
     return copies, left_out
