@@ -64,24 +64,22 @@ def on_cores(
     Raises:
         ConfigError: if the arm cannot be sent to processes, or they end before their work does.
     """
-    first = 0
+    numbered = list(enumerate(chunks))
     if processes is None:
         has_affinity = hasattr(os, 'sched_getaffinity')
         processes = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
         # The time of the first chunk decides.
         began = time.monotonic()
         yield 0, _solve(solver, chunks[0])
-        first = 1
-        duration = (time.monotonic() - began) * (len(chunks) - first)
+        del numbered[0]
+        duration = (time.monotonic() - began) * len(numbered)
         if duration * (1.0 - 1.0 / processes) < _POOL_START:
             processes = 1
-    rest = chunks[first:]
-    processes = min(processes, len(rest))
-    in_series = ((number, _solve(solver, part)) for number, part in enumerate(rest))
-    results = in_series if processes < 2 else _in_pool(config, rest, processes)
-    with contextlib.closing(results):
-        for number, part in results:
-            yield first + number, part
+    processes = min(processes, len(numbered))
+    if processes < 2:
+        yield from ((number, _solve(solver, part)) for number, part in numbered)
+    else:
+        yield from _in_pool(config, numbered, processes)
 
 
 @functools.lru_cache(maxsize=4)
@@ -95,7 +93,7 @@ def _solve_pickled(tensions: FloatArray, config: bytes) -> Solutions:
     return _solve(_solver_of(config), tensions)
 
 
-def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Results:
+def _in_pool(config: Config, chunks: Sequence[tuple[int, FloatArray]], processes: int) -> Results:
     try:
         pickled = pickle.dumps(config)
     except (AttributeError, TypeError, pickle.PicklingError) as error:
@@ -110,9 +108,7 @@ def _in_pool(config: Config, chunks: Sequence[FloatArray], processes: int) -> Re
     others, workers = set(multiprocessing.active_children()), set[BaseProcess]()
     try:
         with _no_interrupts():
-            futures = {
-                pool.submit(_solve_pickled, part, pickled): i for i, part in enumerate(chunks)
-            }
+            futures = {pool.submit(_solve_pickled, part, pickled): i for i, part in chunks}
         workers = set(multiprocessing.active_children()) - others
         for future in as_completed(futures):
             yield futures[future], future.result()
