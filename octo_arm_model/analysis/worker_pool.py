@@ -1,7 +1,6 @@
 """Batches of tensions solved in this process, on all cores or on a Dask cluster."""
 
 import contextlib
-import functools
 import multiprocessing
 import os
 import pickle
@@ -82,11 +81,16 @@ def on_cores(
         yield from _in_pool(config, numbered, processes)
 
 
-@functools.lru_cache(maxsize=4)
+_own = threading.local()  # the last configuration of a thread, and its solver
+
+
 def _solver_of(pickled: bytes) -> Solver:
-    """Return the solver of a worker, which is built once."""
-    config: Config = pickle.loads(pickled)
-    return config.solver()
+    """Return the solver of this thread, which is built once: threads cannot share one."""
+    if getattr(_own, 'pickled', None) != pickled:
+        config: Config = pickle.loads(pickled)
+        _own.pickled, _own.solver = pickled, config.solver()
+    solver: Solver = _own.solver
+    return solver
 
 
 def _solve_pickled(tensions: FloatArray, config: bytes) -> Solutions:

@@ -1,8 +1,10 @@
 """Workspaces: sampled tensions and tips, in one process, in several and on clusters."""
 
 import dataclasses
+import functools
 import multiprocessing
 import socket
+import sys
 
 import numpy as np
 import pytest
@@ -145,11 +147,15 @@ def test_interrupt_ends_all_workers(table4):
     assert not multiprocessing.active_children()
 
 
-def test_dask_cluster_gives_the_same_workspace(table4):
+@pytest.mark.parametrize(('model', 'chunks'), [('closed_form', 3), ('exact', 16)])
+def test_dask_cluster_gives_the_same_workspace(table4, model, chunks, request):
     distributed = pytest.importorskip('distributed')
-    config, count = dataclasses.replace(table4, model='closed_form'), 3 * CHUNK + 5
+    # A solver that threads of a worker shared gave wrong shapes, the sooner they take turns.
+    request.addfinalizer(functools.partial(sys.setswitchinterval, sys.getswitchinterval()))
+    sys.setswitchinterval(1e-5)
+    config, count = dataclasses.replace(table4, model=model), chunks * CHUNK + 5
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=2, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=4, processes=False, dashboard_address=None
     ) as cluster:
         calls = []
         workspace = sample_workspace(
@@ -159,7 +165,7 @@ def test_dask_cluster_gives_the_same_workspace(table4):
             scheduler=cluster.scheduler_address,
             progress=lambda *given: calls.append(given),
         )
-    assert workspace.refused
+    assert workspace.refused or model == 'exact'
     assert_same(workspace, sample_workspace(config, TOO_HIGH, count, processes=1))
     assert calls[-1] == (count, count)
 
