@@ -31,6 +31,7 @@ from octo_arm_model.simulation.pushed_arm import PERIOD, Push, PushedArm, Sensor
 from octo_arm_model.simulation.simulator import SimulatorConfig, TendonDrive, in_water
 
 VALUES = load_parameters('renda2012_prototype') | {'model': 'exact', 'stations': 31}
+VALUES['solve_budget.seconds'] = 60.0  # for busy machines
 CONFIG = Config.from_parameters(VALUES)
 LENGTH = CONFIG.arm.length
 TENSIONS = np.array([1.0, 0.4, 0.3, 0.5])

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -108,17 +107,35 @@ def play(  # noqa: PLR0913 - options by keyword
     """
     check_profile(profile, config.arm, tendon_limits(config))
     received: list[int] = []  # handled signals: unhandled, they would leave the tendons tensioned
+    clock = Clock(clock_type=ClockType.SYSTEM_TIME)
+
+    def publish(what: str, profile: CommandProfile, speed: float, loop: bool) -> FloatArray:
+        """Publish to the end or the next signal, and return the last tensions [N]."""
+        duration, start, signals = profile.duration / speed, time.monotonic(), len(received)
+        played, sent = 0.0, 0
+        while True:
+            tensions = profile.at(speed * played, loop=loop)
+            commands.publish(tensions, clock.now().to_msg())
+            report(what, played if loop else min(played, duration), duration)
+            # Late commands are skipped.
+            sent = max(sent + 1, int(played * rate))
+            if played >= duration and not loop:
+                return tensions
+            time.sleep(max(0.0, start + sent / rate - time.monotonic()))
+            if len(received) > signals:
+                return tensions
+            played = time.monotonic() - start
+
     with on_signals(received.append, _SAME_SIGNAL), client_node('octo_arm_player') as node:
         try:
             commands = CommandPublisher(node, topic, config)
         except InvalidTopicNameException as error:
             raise ConfigError(f'topic is {topic!r}, expected a name such as {TOPIC}') from error
-        publish = partial(_publish, commands, received, rate)
         if _find_listener(commands.publisher, timeout, received, report):
-            final_tensions = publish(profile, partial(report, 'playing'), speed, loop)
+            final_tensions = publish('playing', profile, speed, loop)
             if release and final_tensions.any():
                 ramp = transition(final_tensions, np.zeros_like(final_tensions), RELEASE_TIME)
-                publish(ramp, partial(report, 'releasing'))
+                publish('releasing', ramp, 1.0, False)
         # The process must not end before the last command has arrived.
         commands.publisher.wait_for_all_acked(Duration(seconds=_FLUSH_TIMEOUT))
 
@@ -140,32 +157,6 @@ def _find_listener(
         if received:
             return False
     return True
-
-
-def _publish(
-    commands: CommandPublisher,
-    received: Sequence[int],
-    rate: float,
-    profile: CommandProfile,
-    report: Callable[[float, float], None],
-    speed: float = 1.0,
-    loop: bool = False,
-) -> FloatArray:
-    """Publish ``profile`` to its end or the next signal, and return the last tensions [N]."""
-    clock, signals_before = Clock(clock_type=ClockType.SYSTEM_TIME), len(received)
-    duration, start, sent = profile.duration / speed, time.monotonic(), 0
-    while True:
-        played = time.monotonic() - start
-        tensions = profile.at(speed * played, loop=loop)
-        commands.publish(tensions, clock.now().to_msg())
-        report(played if loop else min(played, duration), duration)
-        # Late commands are skipped.
-        sent = max(sent + 1, int(played * rate))
-        if played >= duration and not loop:
-            return tensions
-        time.sleep(max(0.0, start + sent / rate - time.monotonic()))
-        if len(received) > signals_before:
-            return tensions
 
 
 _ATTEMPTS = 2  # requests sent before a node counts as one that does not answer
