@@ -128,7 +128,7 @@ class Diagnostics(Report):
         arm: the arm that keeps the history of friction, or None.
         idle: state of an inactive node, '' for an active one.
         failure: why the last message that was not answered had no shape, '' before.
-        parts: functions that make further statuses from these diagnostics.
+        parts: functions that make further statuses.
     """
 
     def __init__(self, node: Node, inputs: Inputs) -> None:
@@ -138,7 +138,7 @@ class Diagnostics(Report):
         self.describe(None)
         self.idle = ''
         self.is_used: Callable[[str], bool] = lambda topic: True
-        self.parts: list[Callable[[Diagnostics], DiagnosticStatus]] = []
+        self.parts: list[Callable[[], DiagnosticStatus]] = []
         self.arm: DrivenArm | None = None
         self._topics = set[tuple[str, bool]]()
         self._newest: dict[str, float] = {}
@@ -203,7 +203,7 @@ class Diagnostics(Report):
             self._refusals.count(topic, in_short(error))
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        more = (part(self) for part in self.parts)
+        more = (part() for part in self.parts)
         statuses = [self._solver_status(), self._input_status(), self._output_status(), *more]
         self._topics.clear()
         return statuses
