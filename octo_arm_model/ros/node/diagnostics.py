@@ -1,7 +1,6 @@
 """Diagnostics of the node on ``/diagnostics``: one status for solver, input and output each."""
 
 import time
-from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
@@ -70,7 +69,7 @@ NO_TIME = 'no time: use_sim_time is set, but nothing is heard on /clock'
 _LONGEST = 900  # characters of the reasons of refusals
 
 
-class Report(ABC):
+class Report:
     """Counts what happens to a node, and publishes its statuses once a period.
 
     Attributes:
@@ -81,9 +80,9 @@ class Report(ABC):
         period: time between the last two reports [s], since a solve may delay one.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Report on ``node``."""
-        self._node = node
+    def __init__(self, node: Node, statuses: Callable[[], list[DiagnosticStatus]]) -> None:
+        """Report on ``node``; ``statuses`` makes its statuses since the last report."""
+        self._node, self._statuses = node, statuses
         self.totals, self.lately = defaultdict[str, float](int), defaultdict[str, float](int)
         self.log, self.reason = RefusalLog(node.get_logger().warning), ''
         self._reported, self.period = time.monotonic(), PERIOD
@@ -100,10 +99,6 @@ class Report(ABC):
         self.count('refused')
         self.reason = f'{topic}: {in_short(error)}'
         self.log.add(f'{topic} refused', in_short(error))
-
-    @abstractmethod
-    def _statuses(self) -> list[DiagnosticStatus]:
-        """Return the statuses of the node since the last report."""
 
     def _report(self) -> None:
         previous, self._reported = self._reported, time.monotonic()
@@ -133,7 +128,7 @@ class Diagnostics(Report):
 
     def __init__(self, node: Node, inputs: Inputs) -> None:
         """Report as part of ``node``, which has these ``inputs``."""
-        super().__init__(node)
+        super().__init__(node, self._all)
         self._inputs = inputs
         self.describe(None)
         self.idle = ''
@@ -202,7 +197,7 @@ class Diagnostics(Report):
             super().refused(topic, error)
             self._refusals.count(topic, in_short(error))
 
-    def _statuses(self) -> list[DiagnosticStatus]:
+    def _all(self) -> list[DiagnosticStatus]:
         more = (part() for part in self.parts)
         statuses = [self._solver_status(), self._input_status(), self._output_status(), *more]
         self._topics.clear()

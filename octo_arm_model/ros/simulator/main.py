@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from octo_arm_msgs.msg import TendonTensions
 from rclpy.time import Time as RosTime
@@ -27,7 +28,7 @@ from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.parameters import PARAMETERS as ARM_PARAMETERS
 from octo_arm_model.ros import topics
 from octo_arm_model.ros.live_parameters import LiveParameters
-from octo_arm_model.ros.node.diagnostics import NO_TIME
+from octo_arm_model.ros.node.diagnostics import NO_TIME, Report, make_status
 from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.node.main import run
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
@@ -37,6 +38,8 @@ from octo_arm_model.simulation import movements
 from octo_arm_model.simulation.dynamic_arm import DynamicArm, check_values
 from octo_arm_model.simulation.simulator import PARAMETERS, SimulatorConfig, TendonDrive
 from octo_arm_model.wire.tensions import NONE, read_displacements
+
+_SLOW = 0.2  # time by which an arm falls behind the clock, over that in which it moved
 
 
 class SimulatorNode(CheckedNode):
@@ -51,7 +54,9 @@ class SimulatorNode(CheckedNode):
             topics.create_publisher(self, TendonTensions, topic, OUTPUT_QOS)
             for topic in ('tendon_tensions', 'ground_truth/tendon_tensions')
         )
-        self._diagnostics = publishers.SimulatorDiagnostics(self, self._following)
+        # It counts commands, refused ones, readings published and lost, failed steps, the time
+        # simulated, and that by which the arm fell behind the clock [s].
+        self._diagnostics, self._failure = Report(self, self._statuses), ''
         self._outputs = publishers.ArmPublishers(self)
         self._time = services.SimulationClock(self, self._step)
         self._commanders = publishers.Commanders(self)
@@ -272,10 +277,12 @@ class SimulatorNode(CheckedNode):
             self._outputs.publish(config, push_force, before, times_ns, stamp)
 
     def _fail(self, error: OctoArmError) -> None:
-        self._diagnostics.fail(error)
+        self._failure = in_short(error)
+        self._diagnostics.count('failed')
+        self._diagnostics.log.add('the arm stays as it was', self._failure)
         if self._config.course.on_failure == 'pause' and not self._time.is_paused:
             self._time.is_paused = True
-            self.get_logger().error(f'paused, as no step succeeds: {in_short(error)}')
+            self.get_logger().error(f'paused, as no step succeeds: {self._failure}')
 
     def _readings_message(self, readings: FloatArray, stamp: Time) -> TendonTensions:
         model = self._config.model
@@ -287,13 +294,42 @@ class SimulatorNode(CheckedNode):
             message.tension = readings.ravel()[cells].tolist()
         return message
 
-    def _following(self) -> tuple[str, str]:
-        """Return what the winches follow, and a problem of their commanders or ''."""
+    def _statuses(self) -> list[DiagnosticStatus]:
         source = publishers.COMMANDS if self._is_commanded else publishers.NO_COMMAND
         source = publishers.PROFILE if self._is_playing else source
         source = publishers.PAUSED if self._time.is_paused else source
         has_time = self._config.course.publish_clock or self.get_clock().now().nanoseconds
-        return source, self._commanders.report() if has_time else NO_TIME
+        report, recent, totals = (
+            self._diagnostics,
+            self._diagnostics.lately,
+            self._diagnostics.totals,
+        )
+        problems = [self._commanders.report() if has_time else NO_TIME]
+        if refused := recent['refused']:
+            problems.append(f'{refused:.0f} refused: {report.reason}')
+        if failed := recent['failed']:
+            problems.append(f'{failed:.0f} steps failed: {self._failure}')
+        if recent['behind'] > _SLOW * recent['simulated']:
+            part = recent['simulated'] / (recent['simulated'] + recent['behind'])
+            problems.append(f'the arm moves at {part:.0%} of clock speed')
+        status = make_status(
+            'simulator',
+            DiagnosticStatus.WARN,
+            '; '.join(filter(None, problems)),
+            f'following {source}',
+            {
+                'source': source,
+                'commands [Hz]': f'{recent["commands"] / report.period:.1f}',
+                'refused': int(totals['refused']),
+                'last refusal': report.reason,
+                'readings [Hz]': f'{recent["published"] / report.period:.1f}',
+                'readings lost': int(totals['lost']),
+                'real time factor': f'{recent["simulated"] / report.period:.2f}',
+                'failed steps': int(totals['failed']),
+                'last failure': self._failure,
+            },
+        )
+        return [status]
 
 
 main = partial(run, 'octo_arm_sim', SimulatorNode)

@@ -1,21 +1,18 @@
-"""Outputs of the simulator besides tensions: sensors, true shape and motion, diagnostics."""
+"""Outputs of the simulator besides tensions, and who commands it."""
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs import msg as geometry
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from octo_arm_model.arm.errors import OctoArmError, in_short
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
-from octo_arm_model.ros.node.diagnostics import Report, make_status
 from octo_arm_model.ros.node.outputs import OUTPUT_QOS
 from octo_arm_model.ros.topics import create_publisher, message_class, pose_message
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
@@ -25,6 +22,9 @@ from octo_arm_model.wire.measurements import BASE_WRENCH, MARKERS, TIP_POSE
 from octo_arm_model.wire.tensions import DISPLACEMENTS
 
 TRUE_WRENCH = 'ground_truth/tip_wrench'
+# What a simulator follows, as its diagnostics say.
+COMMANDS, PROFILE = 'commands', 'profile'
+NO_COMMAND, PAUSED = 'no command', 'nothing, as it is paused'
 
 
 class ArmPublishers:
@@ -182,60 +182,3 @@ def _distance(command: Command, other: Command) -> float:
         (kind, value), (other_kind, other_value) = command[name], other[name]
         distance += abs(value - other_value) if kind == other_kind else _APART
     return distance
-
-
-_SLOW = 0.2  # time by which an arm falls behind the clock, over that in which it moved
-# What a simulator follows, as its diagnostics say.
-COMMANDS, PROFILE = 'commands', 'profile'
-NO_COMMAND, PAUSED = 'no command', 'nothing, as it is paused'
-
-
-class SimulatorDiagnostics(Report):
-    """The diagnostics of a simulator.
-
-    It counts 'commands', 'refused' ones, readings 'published' and 'lost', 'failed' steps, the time
-    'simulated', and that by which the arm fell 'behind' the clock [s].
-    """
-
-    def __init__(self, node: Node, following: Callable[[], tuple[str, str]]) -> None:
-        """Report and log through ``node``.
-
-        ``following`` returns what the simulator follows, and a problem of it or ''.
-        """
-        super().__init__(node)
-        self._following, self._failure = following, ''
-
-    def fail(self, error: OctoArmError) -> None:
-        """Count a step of the arm as failed, and log the reason."""
-        self.count('failed')
-        self._failure = in_short(error)
-        self.log.add('the arm stays as it was', self._failure)
-
-    def _statuses(self) -> list[DiagnosticStatus]:
-        recent, (source, problem) = self.lately, self._following()
-        problems = [problem] if problem else []
-        if refused := recent['refused']:
-            problems.append(f'{refused:.0f} refused: {self.reason}')
-        if failed := recent['failed']:
-            problems.append(f'{failed:.0f} steps failed: {self._failure}')
-        if recent['behind'] > _SLOW * recent['simulated']:
-            part = recent['simulated'] / (recent['simulated'] + recent['behind'])
-            problems.append(f'the arm moves at {part:.0%} of clock speed')
-        status = make_status(
-            'simulator',
-            DiagnosticStatus.WARN,
-            '; '.join(problems),
-            f'following {source}',
-            {
-                'source': source,
-                'commands [Hz]': f'{recent["commands"] / self.period:.1f}',
-                'refused': int(self.totals['refused']),
-                'last refusal': self.reason,
-                'readings [Hz]': f'{recent["published"] / self.period:.1f}',
-                'readings lost': int(self.totals['lost']),
-                'real time factor': f'{recent["simulated"] / self.period:.2f}',
-                'failed steps': int(self.totals['failed']),
-                'last failure': self._failure,
-            },
-        )
-        return [status]
