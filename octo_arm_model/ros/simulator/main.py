@@ -63,7 +63,7 @@ class SimulatorNode(CheckedNode):
         self._push = services.PushService(self, lambda: self._config.push)
         self._live = LiveParameters(self, (*ARM_PARAMETERS, *PARAMETERS), self._prepare, self._use)
         self._live.begin()
-        services.SimulationServices(self, self._time, self._reset, self._save, self._restore)
+        self._time.offer_services(self._reset, self._save, self._restore)
         count = self._diagnostics.count
         inputs = Inputs(
             self, self._diagnostics.refused, lambda older: count('commands', 1 + older)

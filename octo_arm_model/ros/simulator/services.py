@@ -34,10 +34,24 @@ TOPIC = '/clock'
 # A slice of steps, and the time from one to the next, with time for other callbacks [s].
 _SLICE, _SLICE_PERIOD = 0.02, 1e-3
 _QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+MOST_STEPS, LONGEST = 1000, 10.0  # steps and seconds of one request, which all others wait for
+NOT_PAUSED = 'is not paused, expected pause before step'
+_FEATURES = (
+    'SIMULATION_RESET',
+    'SIMULATION_RESET_TIME',
+    'SIMULATION_RESET_STATE',
+    'SIMULATION_STATE_GETTING',
+    'SIMULATION_STATE_SETTING',
+    'SIMULATION_STATE_PAUSE',
+    'STEP_SIMULATION_SINGLE',
+    'STEP_SIMULATION_MULTIPLE',
+)
 
 
 class SimulationClock:
     """Calls a step function once a period, by the clock of the node or by its own time.
+
+    Services pause, step and reset it.
 
     Attributes:
         is_paused: whether time stands still.
@@ -125,40 +139,15 @@ class SimulationClock:
                 self._publisher.publish(ClockMessage(clock=now.to_msg()))
             self._step(elapsed_ns, now)
 
-
-MOST_STEPS, LONGEST = 1000, 10.0  # steps and seconds of one request, which all others wait for
-NOT_PAUSED = 'is not paused, expected pause before step'
-
-
-_FEATURES = (
-    'SIMULATION_RESET',
-    'SIMULATION_RESET_TIME',
-    'SIMULATION_RESET_STATE',
-    'SIMULATION_STATE_GETTING',
-    'SIMULATION_STATE_SETTING',
-    'SIMULATION_STATE_PAUSE',
-    'STEP_SIMULATION_SINGLE',
-    'STEP_SIMULATION_MULTIPLE',
-)
-
-
-class SimulationServices:
-    """The services of the simulator but the one that pushes the arm."""
-
-    def __init__(
-        self,
-        node: Node,
-        clock: SimulationClock,
-        reset: Callable[[], None],
-        save: Callable[[], None],
-        restore: Callable[[], None],
+    def offer_services(
+        self, reset: Callable[[], None], save: Callable[[], None], restore: Callable[[], None]
     ) -> None:
-        """Offer the services on ``node``.
+        """Offer the services but the one that pushes the arm.
 
         ``reset`` returns to rest with slack tendons, ``save`` writes the state to a file, and
         ``restore`` continues from it. Each may raise an `OctoArmError`.
         """
-        self._clock, self._reset = clock, reset
+        self._reset_arm, node = reset, self._node
         node.create_service(SetBool, 'pause', self._pause)
         for name, act, done in (
             ('step', self._step_once, 'went on by one period'),
@@ -183,7 +172,7 @@ class SimulationServices:
             node.create_service(getattr(self._kinds, name), service, answer)
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._clock.is_paused, self._clock.is_stopped = bool(request.data), False
+        self.is_paused, self.is_stopped = bool(request.data), False
         response.success = True
         response.message = 'paused' if request.data else 'goes on'
         return response
@@ -199,20 +188,20 @@ class SimulationServices:
         return response
 
     def _step_once(self) -> None:
-        if not self._clock.is_paused:
+        if not self.is_paused:
             raise OctoArmError(NOT_PAUSED)
-        self._clock.step()
+        self.step()
 
     def _reset_all(self) -> None:
-        self._reset()
-        self._clock.reset()
+        self._reset_arm()
+        self.reset()
 
     @property
     def _state(self) -> int:
         states = self._messages.SimulationState
-        if not self._clock.is_paused:
+        if not self.is_paused:
             return int(states.STATE_PLAYING)
-        return int(states.STATE_STOPPED if self._clock.is_stopped else states.STATE_PAUSED)
+        return int(states.STATE_STOPPED if self.is_stopped else states.STATE_PAUSED)
 
     def _features(self, _: Any, response: Any) -> Any:
         constants = self._messages.SimulatorFeatures
@@ -235,9 +224,9 @@ class SimulationServices:
             unchanged = self._kinds.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
             response.result.result = unchanged
             return response
-        self._clock.is_stopped = requested == states.STATE_STOPPED
-        self._clock.is_paused = requested != states.STATE_PLAYING
-        if self._clock.is_stopped:
+        self.is_stopped = requested == states.STATE_STOPPED
+        self.is_paused = requested != states.STATE_PLAYING
+        if self.is_stopped:
             self._reset_all()
         return self._result(response, 'RESULT_OK')
 
@@ -247,20 +236,20 @@ class SimulationServices:
         if scope == scopes.SCOPE_SPAWNED:
             return self._result(response, 'RESULT_FEATURE_UNSUPPORTED', 'nothing is spawned')
         if scope & scopes.SCOPE_STATE:
-            self._reset()
+            self._reset_arm()
         if scope & scopes.SCOPE_TIME:
-            self._clock.reset()
+            self.reset()
         return self._result(response, 'RESULT_OK')
 
     def _step_many(self, request: Any, response: Any) -> Any:
-        most = min(MOST_STEPS, max(1, int(LONGEST / self._clock.period)))
-        problem = '' if self._clock.is_paused else NOT_PAUSED
+        most = min(MOST_STEPS, max(1, int(LONGEST / self.period)))
+        problem = '' if self.is_paused else NOT_PAUSED
         if not problem and request.steps > most:
             problem = f'steps is {request.steps}, expected at most {most} in one request'
         if problem:
             return self._result(response, 'RESULT_OPERATION_FAILED', problem)
         for _ in range(request.steps):
-            self._clock.step()
+            self.step()
         return self._result(response, 'RESULT_OK')
 
     def _result(self, response: Any, code: str, words: str = '') -> Any:
