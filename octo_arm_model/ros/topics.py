@@ -99,8 +99,7 @@ _REFUSALS = (InvalidQosOverridesError, ParameterException, RuntimeError, ValueEr
 def create_publisher(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Publisher:
     """Create a publisher of ``node``; every policy of ``qos`` is a parameter of the node.
 
-    Raises:
-        ConfigError: if such a parameter has a value that its policy cannot have.
+    ConfigError if such a parameter has a value that its policy cannot have.
     """
     with _overriding(node, 'publisher', topic) as options:
         # The profile is copied because rclpy writes the overrides into it.
@@ -118,8 +117,7 @@ def create_subscription(
 ) -> Subscription:
     """Create a subscription of ``node``; every policy of ``qos`` but lifespan is a parameter.
 
-    Raises:
-        ConfigError: if such a parameter has a value that its policy cannot have.
+    ConfigError if such a parameter has a value that its policy cannot have.
     """
     with _overriding(node, 'subscription', topic) as options:
         return node.create_subscription(

@@ -58,12 +58,7 @@ class Surroundings:
         self.values[2, _BASE], self.is_told = goal, True
 
     def flow(self, current: Vector) -> None:
-        """Set the goal of the ``current`` in base_frame [m/s].
-
-        Raises:
-            LoadError: if it is faster than `FASTEST`.
-            ArmDefinitionError: if it is not three finite numbers.
-        """
+        """Set the goal of the ``current`` [m/s]; LoadError if it is faster than `FASTEST`."""
         if (speed := math.hypot(*vector('current', current, 'm/s'))) > FASTEST:
             raise LoadError(f'the current is {speed:.4g} m/s, expected at most {FASTEST:g} m/s')
         self.values[2, _CURRENT], self.is_told = current, True
@@ -155,8 +150,7 @@ class DynamicArm(SimulatedArm):
     def check_lengths(self, lengths: Mapping[str, float]) -> None:
         """Check ``lengths`` that winches are to reel in, by tendon name [m].
 
-        Raises:
-            TensionError: if a name is unknown, or a length is longer than its tendon.
+        TensionError if a name is unknown, or a length is longer than its tendon.
         """
         self._dynamics.checked(Inputs(np.zeros(self._config.arm.tension_shape), lengths))
 
@@ -247,8 +241,7 @@ class DynamicArm(SimulatedArm):
     ) -> tuple[MotionState, dict[str, FloatArray]]:
         """Return the state in the file ``path``, for `restore`, and the values with ``shapes``.
 
-        Raises:
-            ConfigError: if the file cannot be read, or is of another arm or version.
+        ConfigError if the file cannot be read, or is of another arm or version.
         """
         state, values = self._dynamics.load(path), {}
         with np.load(path, allow_pickle=False) as file:

@@ -235,8 +235,7 @@ class PushedArm(SimulatedArm):
     def advance(self, tensions: FloatArray, force: FloatArray) -> None:
         """Find the shape under ``tensions`` (tendons,) and the ``force`` of the push (3,) [N].
 
-        Raises:
-            OctoArmError: if there is no such shape; the last one is kept.
+        OctoArmError if there is no such shape; the last one is kept.
         """
         shape, push = self._config.arm.tension_shape, self.push_with(force)
         self._shape = self._solver.follow(tensions.reshape(shape), self._shape, push)

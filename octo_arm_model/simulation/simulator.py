@@ -142,8 +142,7 @@ class SimulatorConfig:
     def profile(self) -> CommandProfile | None:
         """The profile that the simulator plays; None without one.
 
-        Raises:
-            ProfileError: if it is invalid, not for this arm, or beyond the limit of a tendon.
+        ProfileError if it is invalid, not for this arm, or beyond the limit of a tendon.
         """
         if not self.playing.name:
             return None
@@ -161,8 +160,7 @@ class SimulatorConfig:
     def pushed_arm(self) -> SimulatedArm | None:
         """The simulated arm; None if it neither moves, nor is pushed, nor has sensors or encoders.
 
-        Raises:
-            OctoArmError: if the arm cannot move, be pushed, or be measured by the sensors.
+        OctoArmError if the arm cannot move, be pushed, or be measured by the sensors.
         """
         if self.course.dynamics:
             return DynamicArm(self.model, self.push, self.sensors)

@@ -75,11 +75,7 @@ class Commander:
     def play(
         self, profile: CommandProfile, now: float, *, speed: float = 1.0, loop: bool = True
     ) -> None:
-        """Play ``profile`` from its first row, after a smooth transition to it.
-
-        Raises:
-            ArmDefinitionError: if ``speed`` is not finite or not > 0.
-        """
+        """Play ``profile`` after a smooth transition to it, at a ``speed`` > 0 [-]."""
         positive('speed', speed, '-')
         self.move(profile.at(0.0), now)
         self.profile, self._speed, self._loop = profile, speed, loop

@@ -264,9 +264,7 @@ def serving(
 def free_port(host: str, port: int) -> int:
     """Return the first free port of ``host`` from ``port`` on.
 
-    Raises:
-        AddressError: if ``host`` is not an address of this machine, ``port`` is invalid, or all
-            ports are in use.
+    AddressError if one of them is invalid, or all ports are in use.
     """
     if not 1 <= port <= 65535:
         raise AddressError(f'port is {port}, expected 1 to 65535')

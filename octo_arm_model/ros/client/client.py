@@ -139,11 +139,7 @@ class ArmClient:
     """
 
     def __init__(self, node: Node, namespace: str = '') -> None:
-        """Create the entities on ``node`` for the arm in ``namespace``, by default the node's.
-
-        Raises:
-            ConfigError: if ``namespace`` is not a valid namespace.
-        """
+        """Create the entities on ``node`` for the arm in ``namespace``, which must be valid."""
         try:
             validate_namespace(namespace if namespace.startswith('/') else f'/{namespace}')
         except InvalidNamespaceException as error:

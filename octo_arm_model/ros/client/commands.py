@@ -56,9 +56,7 @@ class CommandPublisher:
     def publish(self, tensions: ArrayLike, stamp: Time, frame: str = '') -> TendonTensions:
         """Publish ``tensions`` (tendons,) or as `Arm.tension_shape` [N]; return the message.
 
-        Raises:
-            TensionError: if they do not fit this arm, or one is above its limit; nothing is
-                published then.
+        TensionError if they do not fit this arm, or one is above its limit: nothing is published.
         """
         assert self._config is not None
         arm = self._config.arm

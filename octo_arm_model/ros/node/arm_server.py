@@ -57,8 +57,7 @@ class TipWrench:
     def acting(self) -> tuple[Solver, FloatArray | None]:
         """Return the solver of the arm under the wrench, and the wrench to solve it with, or None.
 
-        Raises:
-            ConfigError: if the model of the arm has no loads.
+        ConfigError if the model of the arm has no loads.
         """
         prepared = self._current()
         if self.value is None or not self.is_following:

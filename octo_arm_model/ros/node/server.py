@@ -67,9 +67,8 @@ class Prepared:
 def described(values: Mapping[str, Any]) -> tuple[str, Config]:
     """Return the parameter file of ``values``, and the arm that they describe.
 
-    Raises:
-        OctoArmError: if they describe no arm, a type of messages is not installed, or the file
-            would be too large to be read.
+    OctoArmError if they describe no arm, a type of messages is not installed, or the file would be
+    too large to be read.
     """
     text, config = parameters_as_yaml(values), Config.from_parameters(values)
     if len(text) > MAX_YAML_BYTES:
