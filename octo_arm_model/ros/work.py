@@ -10,7 +10,6 @@ compiles, LLVM calls Python back and loses an exception raised there: the signal
 import collections
 import contextlib
 import functools
-import queue
 import signal
 import threading
 import traceback
@@ -198,20 +197,21 @@ class QueuedService:
         ``answer`` fills in a response; it needs its own solver.
         """
         self._node, self._answer = node, answer
-        # Each has a request, its response and its header; None ends the thread.
-        self._waiting: queue.SimpleQueue[tuple[Any, Any, Any] | None] = queue.SimpleQueue()
+        # Each has a request, its response and its header; the first is being answered.
+        self._waiting: collections.deque[tuple[Any, Any, Any]] = collections.deque()
+        self._lock = threading.Lock()
+        self._answering: LongCall[None] | None = None  # ends when no request waits any more
         self._request: Any = None
         self._service = node.create_service(kind, name, self._keep)
         # Only `send_response` gets the header that identifies the request. The callback cannot be
         # a coroutine, because rclpy's events executor does not wait for one.
         self._send = self._service.send_response
         self._service.send_response = self._add  # type: ignore[method-assign]
-        self._answering = LongCall(self._answer_all)
 
     def close(self) -> None:
         """Refuse the requests that wait, and destroy the service."""
-        self._waiting.put(None)
-        self._answering.abandon()
+        if self._answering is not None:
+            self._answering.abandon()
         self._node.destroy_service(self._service)
 
     def _keep(self, request: Any, response: Any) -> Any:
@@ -219,16 +219,19 @@ class QueuedService:
         return response
 
     def _add(self, response: Any, header: Any) -> None:
-        if self._waiting.qsize() < MOST_WAITING:
-            self._waiting.put((self._request, response, header))
-            return
-        reason = f'{MOST_WAITING} requests are waiting, expected fewer at a time'
-        response.success, response.message = False, reason
-        self._send(response, header)
+        with self._lock:
+            if len(self._waiting) > MOST_WAITING:
+                reason = f'{MOST_WAITING} requests are waiting, expected fewer at a time'
+                response.success, response.message = False, reason
+                self._send(response, header)
+                return
+            self._waiting.append((self._request, response, header))
+            if len(self._waiting) == 1:
+                self._answering = LongCall(self._answer_all)
 
     def _answer_all(self, pause: Callable[[], None]) -> None:
-        while (item := self._waiting.get()) is not None:
-            request, response, header = item
+        while True:
+            request, response, header = self._waiting[0]
             try:
                 pause()
                 self._answer(request, response, pause)
@@ -238,3 +241,7 @@ class QueuedService:
                 response.success, response.message = False, traceback.format_exc()
                 self._node.get_logger().error(response.message)
             self._send(response, header)
+            with self._lock:
+                self._waiting.popleft()
+                if not self._waiting:
+                    return
