@@ -196,7 +196,7 @@ class QueuedService:
 
         ``answer`` fills in a response; it needs its own solver.
         """
-        self._node, self._answer = node, answer
+        self._node, self._response, self._answer = node, kind.Response, answer
         # Each has a request, its response and its header; the first is being answered.
         self._waiting: collections.deque[tuple[Any, Any, Any]] = collections.deque()
         self._lock = threading.Lock()
@@ -212,7 +212,14 @@ class QueuedService:
         """Refuse the requests that wait, and destroy the service."""
         if self._answering is not None:
             self._answering.abandon()
+        with self._lock:
+            for _, _, header in self._waiting:
+                self._refuse(header, 'the node stops answering')
+            self._waiting.clear()
         self._node.destroy_service(self._service)
+
+    def _refuse(self, header: Any, reason: str) -> None:
+        self._send(self._response(success=False, message=reason), header)
 
     def _keep(self, request: Any, response: Any) -> Any:
         self._request = request
@@ -222,26 +229,24 @@ class QueuedService:
         with self._lock:
             if len(self._waiting) > MOST_WAITING:
                 reason = f'{MOST_WAITING} requests are waiting, expected fewer at a time'
-                response.success, response.message = False, reason
-                self._send(response, header)
+                self._refuse(header, reason)
                 return
             self._waiting.append((self._request, response, header))
             if len(self._waiting) == 1:
                 self._answering = LongCall(self._answer_all)
 
     def _answer_all(self, pause: Callable[[], None]) -> None:
-        while True:
+        is_over = False
+        while not is_over:
+            pause()
             request, response, header = self._waiting[0]
             try:
-                pause()
                 self._answer(request, response, pause)
-            except _Abandoned:
-                response.success, response.message = False, 'the node stops answering'
             except Exception:  # a fault of this package: the next requests are answered still
                 response.success, response.message = False, traceback.format_exc()
                 self._node.get_logger().error(response.message)
-            self._send(response, header)
             with self._lock:
-                self._waiting.popleft()
-                if not self._waiting:
-                    return
+                if self._waiting:  # else the service was closed meanwhile
+                    self._waiting.popleft()
+                    self._send(response, header)
+                is_over = not self._waiting

@@ -24,7 +24,7 @@ from octo_arm_model.ros.estimator.main import PreparedEstimator
 from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
 from octo_arm_model.ros.node.server import Prepared
 from octo_arm_model.ros.topics import message_class
-from octo_arm_model.ros.work import MOST_WAITING, QueuedService
+from octo_arm_model.ros.work import LONGEST_WAIT, MOST_WAITING, QueuedService
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 
@@ -57,7 +57,7 @@ def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
     assert {one.message for one in found[len(answered) :]} == {
         f'{MOST_WAITING} requests are waiting, expected fewer at a time'
     }
-    is_open.clear()
+    service._answer = lambda *_: time.sleep(2.0 * LONGEST_WAIT)  # which nothing ends
     asked[:] = [client.call_async(Solve.Request()) for _ in range(3)]
     live_nodes.spin_until(executor, have_come)
     service.close()
