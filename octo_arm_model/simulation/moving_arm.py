@@ -178,7 +178,8 @@ def draw_motion(
     path: Path, moments: Sequence[Moment], title: str, obstacles: Sequence[Obstacle] = ()
 ) -> None:
     """Draw the tip over time, and shapes between ``obstacles``, into a PNG file."""
-    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 5.0), layout='constrained')
@@ -192,9 +193,10 @@ def draw_motion(
     axes.legend(frameon=False)
     space = figure.add_subplot(1, 2, 2, projection='3d')
     numbers = np.unique(np.linspace(0, len(moments) - 1, _STROBES).astype(int))
+    colours = ScalarMappable(Normalize(times[0], times[-1]))
     for number in numbers.tolist():
-        colour = colormaps['viridis'](number / max(len(moments) - 1, 1))
-        space.plot(*moments[number].backbone.position.T, color=colour)
+        space.plot(*moments[number].backbone.position.T, color=colours.to_rgba(times[number]))
+    figure.colorbar(colours, ax=space, label='time [s]', shrink=0.7)
     _frame(space, moments, obstacles)
     figure.savefig(path, dpi=120, format='png')
 
@@ -244,6 +246,7 @@ def _frame(space: Any, moments: Sequence[Moment], obstacles: Sequence[Obstacle])
     ends = equal_axes(points, 0.5)
     half, middle = 0.5 * float(np.ptp(ends[0])), ends.mean(axis=1)
     set_limits(space, ends)
+    space.locator_params(nbins=5)
     space.set_box_aspect((1.0, 1.0, 1.0))
     for obstacle in obstacles:
         vertices, triangles = obstacle_mesh(obstacle, middle, half)
