@@ -28,25 +28,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo_arm_model.arm.errors import SolveError
-from octo_arm_model.arm.hints import FloatArray, IntArray
+from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.estimation.gaussian import Gaussian, square_of
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.measurements import LOAD_CELL
 from octo_arm_model.estimation.model import ArmModel, Prediction
-from octo_arm_model.estimation.posterior import (
-    Agreement,
-    Fit,
-    Work,
-    agree,
-    evaluated,
-    nearest_possible,
-)
+from octo_arm_model.estimation.posterior import Fit, agree, nearest_possible
 from octo_arm_model.estimation.rules import Doubts, Rules, channels_of
 
 _MEMORY = 0.5  # time constant in which contradictions decay [s]
 _EXPECTED = 2.0  # normalised square of a number, beyond which it contradicts
 _MOST = 16.0  # largest contradiction of a hypothesis [nat]; it decays in three times _MEMORY
 CONTRADICTED = 8.0  # contradiction from which a hypothesis restarts from the leader's state
+_LATELY = 1000  # number of updates over which agreements are averaged
 _HYSTERESIS = 1.0  # by which another hypothesis has to be more probable than the leader [nat]
 _SHARE_EVALUATIONS = 4  # largest number of evaluations for one hypothesis among several
 _FAR = 0.02  # displacement of the tip from which an open hypothesis is searched, over the length
@@ -68,7 +62,8 @@ class Bank(NamedTuple):
         contradiction: contradiction of each [nat], (hypotheses,).
         leader: index of the most probable one, whose state is published.
         heard: sensors other than load cells that have measured so far.
-        agreement: agreement of the leader, see `Agreement`.
+        agreement: mean ratio of the bias that innovations caused in the mode to the expected one,
+            and the inverse of its variance; 0 +- 1 before any.
         is_open: which are not compared near their own shape yet: they doubt a load cell, or use
             all of them again.
     """
@@ -79,13 +74,24 @@ class Bank(NamedTuple):
     contradiction: FloatArray
     leader: int
     heard: Doubts
-    agreement: Agreement
+    agreement: tuple[float, float]
     is_open: NDArray[np.bool_]
 
     @property
     def leading(self) -> Gaussian:
         """The distribution of the state by the leader."""
         return self.hypothesis(self.leader)
+
+    @property
+    def shift_weight(self) -> float:
+        """Weight of the correction from mode to mean, 0 to 1."""
+        return min(max(0.0, self.agreement[0]), 1.0)
+
+    def agreement_after(self, ratio: float, information: float) -> tuple[float, float]:
+        """Return `agreement` after one more ``ratio`` with this inverse variance."""
+        value, known = self.agreement
+        total = (1.0 - 1.0 / _LATELY) * known + information
+        return value + information / total * (ratio - value), total
 
     def hypothesis(self, number: int) -> Gaussian:
         """Return the distribution of the state by one hypothesis."""
@@ -106,7 +112,7 @@ def new_bank(model: ArmModel) -> Bank:
     mean, root = model.state.prior
     is_open = np.zeros(1, dtype=bool)
     covariance = (root**2)[np.newaxis]
-    none, agreement = _NO_DOUBTS, Agreement()
+    none, agreement = _NO_DOUBTS, (0.0, 1.0)
     return Bank((none,), mean[np.newaxis], covariance, np.zeros(1), 0, none, agreement, is_open)
 
 
@@ -131,22 +137,13 @@ class BankUpdate(NamedTuple):
     expected: FloatArray
     square: FloatArray
 
-    def of(self, numbers: IntArray | list[int]) -> BankUpdate:
-        """Return the update of the hypotheses ``numbers`` alone, in this order."""
-        return BankUpdate._make(values[numbers] for values in self)
-
-    def put(self, numbers: IntArray | list[int], others: BankUpdate) -> None:
-        """Replace the update of the hypotheses ``numbers`` by ``others``."""
-        for values, other_values in zip(self, others, strict=True):
-            values[numbers] = other_values
-
 
 class BankFilter:
     """The update of the hypotheses of one arm by the measurements of one time."""
 
-    def __init__(self, model: ArmModel, rules: Rules, work: Work) -> None:
-        """Prepare the update for a ``model`` by ``rules``, within the budget ``work``."""
-        self._model, self._rules, self._work = model, rules, work
+    def __init__(self, model: ArmModel, rules: Rules) -> None:
+        """Prepare the update for a ``model`` by ``rules``."""
+        self._model, self._rules = model, rules
         names = model.arm.tendon_names
         # Component of the state with the tension of each load cell.
         self._tension = {f'{LOAD_CELL} {name}': index for index, name in enumerate(names)}
@@ -170,8 +167,8 @@ class BankFilter:
         means = bank.mean.copy()
         means[leader] = mean = nearest_possible(self._model, bank.hypothesis(leader))
         # If no work is left, the shape nearby is moved to the mean to first order.
-        if self._work.is_left or prediction.shape is None:
-            prediction = evaluated(prediction, mean, self._work)
+        if prediction.work.is_left() or prediction.shape is None:
+            prediction = prediction.solved_at(mean)
         return bank._replace(mean=means, leader=leader), prediction
 
     def with_shapes(
@@ -200,24 +197,25 @@ class BankFilter:
                 exact[best], solved = self._fit(bank, best, rows, start, most, is_new=is_first)
             except SolveError:
                 total[best], is_open[best] = np.inf, False
-                if not np.isfinite(total).any() or not (exact or self._work.is_left):
+                if not np.isfinite(total).any() or not (exact or prediction.work.is_left()):
                     raise
                 update = update or self._linearised(bank, rows, prediction)
             else:
                 if update is None:
                     is_alone = len(bank.doubts) == 1
                     update = solved if is_alone else self._linearised(bank, rows, prediction)
-                update.put([best], solved)
+                for values, own_values in zip(update, solved, strict=True):
+                    values[best] = own_values[0]
             # A cost that overflowed is no reason to solve again what has no shape.
             best = int(np.where(np.isinf(total), np.inf, total + update.cost).argmin())
-            if best not in exact and not (exact and (is_lost or not self._work.is_left)):
+            if best not in exact and not (exact and (is_lost or not prediction.work.is_left())):
                 continue
             # Then those of the open ones whose shapes are far from that.
             displacement = (update.mean - prediction.x) @ prediction.change.tip[:3].T
             is_far = np.linalg.norm(displacement, axis=1) > _FAR * self._model.arm.length
             is_open &= is_far | (update.cost >= CONTRADICTED)
             is_open[list(exact)] = False
-            if not is_open.any() or self._work.evaluations < _SEARCH_EVALUATIONS:
+            if not is_open.any() or prediction.work.evaluations < _SEARCH_EVALUATIONS:
                 break
             best = int(is_open.argmax())
         # What is open still, or has no shape that was found, keeps its prior.
@@ -226,9 +224,8 @@ class BankFilter:
         update.is_used[same], update.cost[same] = False, 0.0
         total += update.cost
         best = min(exact, key=lambda number: float(total[number]))
-        bank = _updated(bank, update)._replace(
-            leader=best, agreement=exact[best].agreement, is_open=is_open
-        )
+        agreement = bank.agreement_after(*exact[best].ratio)
+        bank = _updated(bank, update)._replace(leader=best, agreement=agreement, is_open=is_open)
         return bank, update, exact[best].prediction
 
     def _nearest(self, bank: Bank, number: int, rows: Rows, near: Prediction) -> Prediction:
@@ -240,7 +237,7 @@ class BankFilter:
             x = x.copy()
             x[doubted] = fraction * self._prior[doubted]
             try:
-                near = evaluated(near, x, self._work)
+                near = near.solved_at(x)
                 square = square_of(rows.innovation(near), rows.noise_root)
             except SolveError:
                 break
@@ -293,12 +290,13 @@ class BankFilter:
             covariance=bank.covariance[[number]],
         )
         is_used, limits = ~channels.is_in(bank.doubts[number]), channels.limits(self._rules.gate)
-        start, work = near, self._work
+        start, spared = near, 0
         while True:
             if len(bank.doubts) > 1:  # the rest of the work is for the others
-                work = self._work.share(min(most, max(self._work.evaluations - 1, 1)))
+                left = near.work.evaluations
+                spared = max(left - min(most, max(left - 1, 1)), 0)
             rows_used = rows.subset(np.flatnonzero(is_used))
-            fit = agree(prior, rows_used, bank.agreement, near, work, is_new=is_new)
+            fit = agree(prior, rows_used, bank.shift_weight, near, spared, is_new=is_new)
             near, is_new = fit.prediction, False
             update = self._linearised(single, rows, near, is_used[np.newaxis])
             squares = channels.squares(update.innovation, update.expected)[0]

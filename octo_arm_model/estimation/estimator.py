@@ -17,12 +17,10 @@ import numpy as np
 from octo_arm_model.arm.errors import MeasurementError, SolveError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.validation import check_class, is_number
-from octo_arm_model.estimation.estimate import Estimate
+from octo_arm_model.estimation.estimate import EVALUATIONS, ITERATIONS, Estimate, next_estimate
 from octo_arm_model.estimation.measurement import Measurement
-from octo_arm_model.estimation.model import ArmModel
-from octo_arm_model.estimation.posterior import Work
+from octo_arm_model.estimation.model import ArmModel, Work
 from octo_arm_model.estimation.rules import Consistency, Innovation, Rules, count_innovations
-from octo_arm_model.estimation.step import EVALUATIONS, ITERATIONS, next_estimate
 
 MAX_MOMENTS = 1000  # largest number of moments that are stored for late measurements
 

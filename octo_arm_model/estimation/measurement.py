@@ -48,25 +48,31 @@ class Measurement(abc.ABC):
             expected = f'1 to {_LARGEST} numbers'
             raise MeasurementError(f'{self.name}: value has {size} numbers, expected {expected}')
         given = checked_numbers(f'{self.name}: noise', noise, np.inf)
+        expected = 'expected a positive definite covariance'
         if given.ndim < 2 and given.size in (1, size):
-            self._check_deviations(given)
-            self.covariance = np.diag(np.broadcast_to(given, size) ** 2)
-            self.noise_root: FloatArray = np.sqrt(self.covariance)
-            return
-        if given.shape != (size, size):
+            deviations = np.broadcast_to(given, size)
+        elif given.shape != (size, size):
             raise MeasurementError(
                 f'{self.name}: noise has shape {given.shape}, expected {size} standard deviations '
                 f'or a covariance ({size}, {size})'
             )
-        variances, expected = given.diagonal(), 'expected a positive definite covariance'
-        if not (variances > 0.0).all():
-            number = int(variances.argmin())
+        elif (given.diagonal() > 0.0).all():
+            deviations = np.sqrt(given.diagonal())
+        else:
+            number = int(given.diagonal().argmin())
             raise MeasurementError(
                 f'{self.name}: the variance of number {number + 1} of {size} is '
-                f'{variances[number]:g}, {expected}'
+                f'{given[number, number]:g}, {expected}'
             )
-        self._check_deviations(np.sqrt(variances))
-        self.covariance = 0.5 * given + 0.5 * given.T
+        invalid = deviations[~((deviations >= SMALLEST) & (deviations <= LARGEST))]
+        if invalid.size:
+            raise MeasurementError(
+                f'{self.name}: noise has a standard deviation of {invalid.flat[0]:g}, expected '
+                f'{SMALLEST:g} to {LARGEST:g}'
+            )
+        self.covariance = np.diag(deviations**2)
+        if given.ndim == 2:
+            self.covariance = 0.5 * given + 0.5 * given.T
         try:
             self.noise_root = np.asarray(np.linalg.cholesky(self.covariance), np.float64)
         except np.linalg.LinAlgError:
@@ -74,14 +80,6 @@ class Measurement(abc.ABC):
                 f'{self.name}: some combination of its {size} numbers has a variance of '
                 f'{np.linalg.eigvalsh(self.covariance)[0]:g}, {expected}'
             ) from None
-
-    def _check_deviations(self, deviations: FloatArray) -> None:
-        invalid = deviations[~((deviations >= SMALLEST) & (deviations <= LARGEST))]
-        if invalid.size:
-            raise MeasurementError(
-                f'{self.name}: noise has a standard deviation of {invalid.flat[0]:g}, expected '
-                f'{SMALLEST:g} to {LARGEST:g}'
-            )
 
     @abc.abstractmethod
     def innovation(self, prediction: Prediction) -> FloatArray:

@@ -74,22 +74,12 @@ class Tensions(_TendonMeasurement):
 
     def jacobian(self, prediction: Prediction) -> FloatArray:
         """Return the derivatives of the predicted tensions by the state, (m, state)."""
-        state = prediction.model.state
-        return _one_hot(self._indices(prediction), (state.tension, state.tension_bias), state.size)
+        return prediction.model.state.reading[list(self._indices(prediction))]
 
     def channels(self, prediction: Prediction) -> tuple[str, ...]:
         """Return the load cell of each number, (m,): every load cell is a sensor of its own."""
         names = prediction.model.arm.tendon_names
         return tuple(f'{LOAD_CELL} {names[number]}' for number in self._indices(prediction))
-
-
-def _one_hot(indices: tuple[int, ...], slices: tuple[slice, ...], size: int) -> FloatArray:
-    """Return the matrix (numbers, ``size``) that sums the components ``indices`` of ``slices``."""
-    matrix = np.zeros((len(indices), size))
-    for component_slice in slices:
-        if component_slice.stop > component_slice.start:
-            matrix[np.arange(len(indices)), component_slice.start + np.array(indices)] = 1.0
-    return matrix
 
 
 class TendonDisplacements(_TendonMeasurement):
@@ -266,20 +256,18 @@ class BaseWrench(Measurement):
         at_stations, free_moment = _unit_forces(prediction.model)
         magnitudes = np.append(prediction.x, 1.0)
         forces = at_stations @ magnitudes
-        moment = np.cross(_lever(prediction), forces).sum(axis=0) + free_moment @ magnitudes
+        lever = prediction.solved.position - prediction.solved.position[0]
+        moment = np.cross(lever, forces).sum(axis=0) + free_moment @ magnitudes
         return self.value - np.concatenate([forces.sum(axis=0), moment])
 
     def jacobian(self, prediction: Prediction) -> FloatArray:
         """Return the derivatives of the predicted wrench by the state, (6, state)."""
         at_stations, free_moment = _unit_forces(prediction.model)
         forces, by_magnitude = at_stations @ np.append(prediction.x, 1.0), at_stations[..., :-1]
-        moment = np.cross(_lever(prediction)[..., np.newaxis], by_magnitude, axis=1)
+        lever = prediction.solved.position - prediction.solved.position[0]
+        moment = np.cross(lever[..., np.newaxis], by_magnitude, axis=1)
         moment += np.cross(prediction.change.pose[:, :3], forces[..., np.newaxis], axis=1)
         return np.concatenate([by_magnitude.sum(axis=0), moment.sum(axis=0) + free_moment[:, :-1]])
-
-
-def _lever(prediction: Prediction) -> FloatArray:
-    return prediction.solved.position - prediction.solved.position[0]
 
 
 @functools.lru_cache(maxsize=8)

@@ -9,20 +9,28 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from octo_arm_model.arm.arm import Arm
-from octo_arm_model.arm.errors import ConfigError, LoadError, SolveError, TensionError
+from octo_arm_model.arm.errors import (
+    ConfigError,
+    ContinuationError,
+    ConvergenceError,
+    LoadError,
+    SolveError,
+    TensionError,
+)
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import Budget
 from octo_arm_model.arm.loads import ZERO, Loads, ScaledLoads
 from octo_arm_model.arm.validation import LARGEST, check_class
 from octo_arm_model.config.config import Config
-from octo_arm_model.estimation.tip_curvature import TipCurvature
+from octo_arm_model.estimation.tip_curvature import tip_curvature
 from octo_arm_model.estimation.unknowns import State, Unknowns, unit_loads
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.rotations import quaternion_product
@@ -48,7 +56,6 @@ class ArmModel:
         solver: the solver of the arm as described.
         loads: known loads, which act besides those of the state.
         unit_loads: loads of magnitude one, whose magnitudes are ``state.unit_loads``.
-        tip_curvature: second derivatives of the position of the tip.
         tendon_compliance: stretch of each tendon per newton of its tension [m/N], (tendons,).
     """
 
@@ -72,7 +79,6 @@ class ArmModel:
         check_class('loads', loads, Loads)
         self.arm, self.loads = arm, loads
         self.state = State(unknowns, arm)
-        self.tip_curvature = TipCurvature(self.state)
         if loads.scaled:
             raise ConfigError('loads.scaled are those of the estimator itself, expected none')
         if loads.others and unknowns.log_modulus is not None:
@@ -190,17 +196,42 @@ class ArmModel:
         return ratio
 
 
+class Work:
+    """A budget of shapes to evaluate, and of iterations of the solver; without limit by default.
+
+    Attributes:
+        evaluations: number of shapes that are left.
+        iterations: number of iterations that are left.
+    """
+
+    def __init__(self, evaluations: int = sys.maxsize, iterations: int = sys.maxsize) -> None:
+        """Begin with these numbers."""
+        self.evaluations, self.iterations = evaluations, iterations
+
+    def is_left(self, spared: int = 0) -> bool:
+        """Return whether another shape may be evaluated, such that ``spared`` ones remain."""
+        return self.evaluations > spared and self.iterations > 0
+
+    def take(self, iterations: int) -> None:
+        """Subtract one evaluation and its ``iterations``."""
+        self.evaluations -= 1
+        self.iterations -= iterations
+
+
 class Prediction:
     """The shape of an arm in one state, and its derivatives; each is computed on first use.
 
     Attributes:
         model: the model of the arm.
         x: the state, (n,).
+        work: the budget from which the evaluation of the shape is taken.
     """
 
-    def __init__(self, model: ArmModel, x: FloatArray, start: Backbone | None) -> None:
+    def __init__(
+        self, model: ArmModel, x: FloatArray, start: Backbone | None, work: Work | None = None
+    ) -> None:
         """Prepare the prediction of a state ``x``, whose shape is continued from ``start``."""
-        self.model, self.x, self._start = model, x, start
+        self.model, self.x, self._start, self.work = model, x, start, work or Work()
 
     @property
     def shape(self) -> Backbone | None:
@@ -214,11 +245,19 @@ class Prediction:
         Raises:
             SolveError: if there is no trustworthy shape, or tensions or loads are too large.
         """
+        iterations = 1
         try:
-            return self.model.solve(self.x, self._start)
+            shape = self.model.solve(self.x, self._start)
+            iterations = int(shape.iterations)
+            return shape
         except (TensionError, LoadError) as error:
             # The tensions and loads are those of a search, not of a user.
             raise SolveError(f'no shape that explains what was measured: {error}') from error
+        except ConvergenceError as error:
+            iterations = error.iterations
+            raise
+        finally:
+            self.work.take(iterations)
 
     @functools.cached_property
     def change(self) -> StateChange:
@@ -237,7 +276,23 @@ class Prediction:
                 guess = shape.equilibrium.state.z + _directional(twist, x - self.x)
                 equilibrium = shape.equilibrium._replace(guess=guess)
                 shape = dataclasses.replace(shape, equilibrium=equilibrium)
-        return Prediction(self.model, x, shape)
+        return Prediction(self.model, x, shape, self.work)
+
+    def solved_at(self, x: FloatArray) -> Prediction:
+        """Return the prediction of ``x`` with its shape, continued from this, or from nothing.
+
+        Raises:
+            SolveError: if there is no trustworthy shape.
+        """
+        new = self.moved_to(x)
+        try:
+            new.solved  # noqa: B018
+        except ContinuationError:
+            if self.shape is None:
+                raise
+            new = Prediction(self.model, x, None, self.work)
+            new.solved  # noqa: B018
+        return new
 
     def distance(self, x: FloatArray) -> float:
         """Return the largest displacement of a station in ``x``, to first order [m]."""
@@ -274,8 +329,8 @@ class Prediction:
         by_force, model = self.change.by_tip_force, self.model
         if by_force is None:
             return None
-        ratio = model.stiffness(self.x)
-        return model.tip_curvature.by_state(self.solved, self.change.pose, by_force, ratio)
+        pose, ratio = self.change.pose, model.stiffness(self.x)
+        return tip_curvature(model.state, self.solved, pose, by_force, ratio)
 
     def forget(self) -> None:
         """Free the memory of the derivatives, which the next use computes again."""
@@ -306,18 +361,14 @@ class StateChange(Change):
         """Return the sum of ``parts``: changes by quantities, and those (q, n) by the state."""
         by_state = np.concatenate([matrix for _, matrix in parts])
 
-        def total(changes: Iterable[FloatArray]) -> FloatArray:
-            return np.asarray(np.concatenate(tuple(changes), axis=-1) @ by_state)
+        def total(name: str) -> Any:
+            values = [getattr(change, name) for change, _ in parts]
+            if any(value is None for value in values):
+                return None
+            return np.concatenate(values, axis=-1) @ by_state
 
-        twists = [change.twist for change, _ in parts]
-        known_twists = [twist for twist in twists if twist is not None]
-        return cls(
-            total(change.pose for change, _ in parts),
-            total(change.strain for change, _ in parts),
-            total(change.tendon_length for change, _ in parts),
-            twist=total(known_twists) if len(known_twists) == len(twists) else None,
-            by_tip_force=by_tip_force,
-        )
+        names = 'pose', 'strain', 'tendon_length', 'twist'
+        return cls(**{name: total(name) for name in names}, by_tip_force=by_tip_force)
 
 
 def _directional(change: FloatArray, step: FloatArray) -> FloatArray:

@@ -34,58 +34,18 @@ _MOST = 24  # pieces of the arm, for an error of the integrals of a thousandth
 _CYCLES = (0, 1, 2), (1, 2, 0), (2, 0, 1)
 
 
-class TipCurvature:
-    """The second derivatives of the position of the tip by a state."""
+def tip_curvature(
+    state: State, backbone: Backbone, pose: FloatArray, by_force: FloatArray, ratio: float
+) -> FloatArray:
+    """Return the second derivatives (3, n, n) of the tip of a ``backbone`` by the ``state``.
 
-    def __init__(self, state: State) -> None:
-        """Find the components of a ``state`` by which the shape changes, tip forces first."""
-        force = np.arange(state.size)[state.tip_force]
-        self._others = np.setdiff1d(np.flatnonzero(state.shapes), force)
-        self._components = np.concatenate([force, self._others])
-        self._size, self._skipped = state.size, 3 - force.size
-        self._divided = _divided(state)
-
-    def by_state(
-        self, backbone: Backbone, pose: FloatArray, by_force: FloatArray, ratio: float
-    ) -> FloatArray:
-        """Return the second derivatives (3, n, n) of the tip of a ``backbone`` by the state.
-
-        ``pose`` (stations, 6, n) and ``by_force`` (stations, 6, 3) are the derivatives of its pose
-        by the state and by a force on the tip. Forces of the state are divided by ``ratio``.
-        """
-        by = np.concatenate([by_force, pose.take(self._others, axis=2)], axis=2)
-        second = _second_derivatives(backbone.position, by, backbone.tip_wrench[:3])
-        second[:, :3] /= ratio
-        second[:, :, :3] /= ratio
-        curvature = np.zeros((3, self._size, self._size))
-        components, used = self._components, slice(self._skipped, None)
-        curvature[:, components[:, np.newaxis], components] = second[:, used, used]
-        first, other, divided = self._divided
-        curvature[:, first, other] -= pose[-1, :3].take(divided, axis=1)
-        return curvature
-
-
-def _divided(state: State) -> IntArray:
-    """Return pairs of components, and the divided component of each pair, (3, pairs)."""
-    indices = np.arange(state.size)
-    pairs = list(zip(indices[state.tension_loss], indices[state.tension], strict=False))
-    for modulus in indices[state.log_modulus]:
-        pairs += [(modulus, index) for index in indices[state.shapes] if index != modulus]
-    triples = [(index, index, index) for index in {divisor for divisor, _ in pairs}]
-    for divisor, index in pairs:
-        triples += [(divisor, index, index), (index, divisor, index)]
-    return np.array(triples, np.intp).reshape(-1, 3).T
-
-
-def _second_derivatives(position: FloatArray, change: FloatArray, force: FloatArray) -> FloatArray:
-    """Return second derivatives of the tip by forces on it and n others, (3, 3 + n, 3 + n).
-
-    ``change`` (stations, 6, 3 + n) has the derivatives of the poses of stations, whose
-    ``position`` is (stations, 3), by all of these. ``force`` (3,) is the one on the tip.
+    ``pose`` (stations, 6, n) and ``by_force`` (stations, 6, 3) are the derivatives of its pose by
+    the state and by a force on the tip. Forces of the state are divided by ``ratio``.
     """
-    ends = _ends(len(position))
-    points = position.take(ends, axis=0).T
-    ends_change = np.ascontiguousarray(change.take(ends, axis=0).transpose(1, 0, 2))
+    force, tip, ends = backbone.tip_wrench[:3], pose[-1, :3], _ends(len(pose))
+    points = backbone.position.take(ends, axis=0).T
+    change = np.concatenate([by_force, pose], axis=2).take(ends, axis=0)
+    ends_change = np.ascontiguousarray(change.transpose(1, 0, 2))
     mean_change = 0.5 * (ends_change[:, 1:] + ends_change[:, :-1])
     turn, turn_step = mean_change[3:], ends_change[3:, 1:] - ends_change[3:, :-1]
     lever = (points[:, -1:] - 0.5 * (points[:, 1:] + points[:, :-1]))[..., np.newaxis]
@@ -95,7 +55,7 @@ def _second_derivatives(position: FloatArray, change: FloatArray, force: FloatAr
     for k, i, j in _CYCLES:
         product = turn_step[i].T @ beyond[j] - turn_step[j].T @ beyond[i]
         second[k] = product + product.T
-    by_unit = second[:, :3].copy()
+    by_unit = second[:, :3, 3:].copy()
     if force.any():
         # F (a x (b x c)) = (F b) (a c) - (F c) (a b)
         f_turn_step = np.tensordot(force, turn_step, axes=1)
@@ -109,10 +69,20 @@ def _second_derivatives(position: FloatArray, change: FloatArray, force: FloatAr
             product = all_turns.T @ both.reshape(all_turns.shape) + along.T @ f_turn_step
             product -= across.T @ f_beyond
             second[i] += product + product.T
-    # A unit force along each axis also acts directly, as the first or as the second quantity.
-    second[:, :3] += by_unit.transpose(1, 0, 2)
-    second[:, :, :3] += by_unit.transpose(1, 2, 0)
-    return second
+    # A force on the tip also acts directly, as the first or as the second quantity.
+    direct = np.tensordot(by_unit, state.tip_wrench[:3] / ratio, axes=(0, 0))
+    curvature = np.asarray(second[:, 3:, 3:] + direct + direct.transpose(0, 2, 1))
+    # A logarithm divides the quantities of the state, or the tension of its tendon.
+    for component in range(state.size)[state.log_modulus]:
+        curvature[:, component] -= tip
+        curvature[:, :, component] -= tip
+        curvature[:, component, component] += tip[:, component]
+    loss = np.arange(state.size)[state.tension_loss]
+    tension = np.arange(state.size)[state.tension][: loss.size]
+    curvature[:, loss, tension] -= tip[:, tension]
+    curvature[:, tension, loss] -= tip[:, tension]
+    curvature[:, loss, loss] -= tip[:, loss]
+    return curvature
 
 
 @functools.lru_cache(maxsize=64)

@@ -121,12 +121,11 @@ class State:
         unknowns: the estimated quantities and their priors.
         names: names of the components.
         size: number of components.
-        shapes: whether the shape depends on a component, (n,).
         tension, tension_bias, tip_force, tip_moment, point_forces, current, log_modulus,
         tension_loss: slice of the vector with this quantity; empty if it is not estimated.
         unit_loads: slice of the vector with the magnitudes of `unit_loads`.
+        reading: derivatives of the readings of the load cells by the state, (tendons, n).
         tip_wrench: derivatives of the wrench on the tip by the state, (6, n).
-        is_geometric: whether `TipCurvature` leaves out no quantity but the stiffness of sections.
     """
 
     def __init__(self, unknowns: Unknowns, arm: Arm) -> None:
@@ -161,17 +160,12 @@ class State:
         self.log_modulus = self._add('log_modulus', unknowns.log_modulus, ('E',))
         self.tension_loss = self._add('tension_loss', unknowns.tension_loss, arm.tendon_names)
         self.size = len(self.names)
+        self.reading = np.zeros((len(arm.tendon_names), self.size))
+        np.fill_diagonal(self.reading[:, self.tension], 1.0)
+        np.fill_diagonal(self.reading[:, self.tension_bias], 1.0)
         self.tip_wrench = np.zeros((6, self.size))
         np.fill_diagonal(self.tip_wrench[:3, self.tip_force], 1.0)
         np.fill_diagonal(self.tip_wrench[3:, self.tip_moment], 1.0)
-        self.shapes = np.ones(self.size, dtype=bool)
-        self.shapes[self.tension_bias] = False
-        self.is_geometric = not (
-            unknowns.tip_moment
-            or unknowns.point_forces
-            or unknowns.current
-            or unknowns.log_modulus
-        )
         self._stddev, self._rate, self._time = np.array(
             [(walk.stddev, walk.rate, walk.correlation_time) for walk in self._walks]
         ).T

@@ -227,7 +227,7 @@ def test_second_derivatives_of_the_tip_equal_finite_differences():
     second = tip.second(at)
     stddev = model.state.prior_stddev()
     expected = np.zeros_like(second)
-    for component in np.flatnonzero(model.state.shapes):
+    for component in range(x.size):
         step = 1e-3 * stddev * (np.arange(x.size) == component)
         ends = [tip.jacobian(Prediction(model, x + each, at.solved)) for each in (step, -step)]
         expected[:, :, component] = (ends[0] - ends[1]) / (2.0 * step[component])
