@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import json
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from octo_arm_model.wire.tensions import DISPLACEMENTS
 if TYPE_CHECKING:
     from octo_arm_model.arm.hints import FloatArray
     from octo_arm_model.bags.reader import BagReader
-    from octo_arm_model.experiment.estimates import Moment, Result, Touch
+    from octo_arm_model.experiment.estimates import Moment, Output, Result, Touch
     from octo_arm_model.experiment.sensor_recording import SensorRecording, Sources
 
 
@@ -135,7 +135,7 @@ def as_dict(result: Result, notes: Sequence[str]) -> dict[str, Any]:
             name: {
                 'accepted': record.accepted,
                 'refused': record.refused,
-                'mean_square': _or_none(record.mean),
+                'mean_square': record.mean if record.size else None,
             }
             for name, record in result.consistency.items()
         },
@@ -152,8 +152,8 @@ def as_dict(result: Result, notes: Sequence[str]) -> dict[str, Any]:
         if result.camera is None
         else {
             'frames': len(result.camera.time),
-            'tip_error': [_or_none(_median(errors)) for errors in result.camera.tip],
-            'mean_error': [_or_none(_median(errors)) for errors in result.camera.mean],
+            'tip_error': [_median(errors) for errors in result.camera.tip],
+            'mean_error': [_median(errors) for errors in result.camera.mean],
         },
         'notes': list(notes),
     }
@@ -232,23 +232,19 @@ def _camera(result: Result) -> list[str]:
         if not frames.any():
             continue
         for name, pair in (('tip', camera.tip), ('midline', camera.mean)):
-            error, plain = (1e3 * _median(errors[frames]) for errors in pair)
-            if np.isfinite(error):
+            error, plain = (_median(errors[frames]) for errors in pair)
+            if error is not None and plain is not None:
                 lines.append(
-                    f'against {check.topic}{when}: {name} off by {error:.2f} mm, '
-                    f'without the estimator {plain:.2f} mm (medians of {frames.sum()} frames)'
+                    f'against {check.topic}{when}: {name} off by {1e3 * error:.2f} mm, without '
+                    f'the estimator {1e3 * plain:.2f} mm (medians of {frames.sum()} frames)'
                 )
     return lines
 
 
-def _or_none(value: float) -> float | None:
-    """Return the ``value``, or None for NaN, which JSON does not have."""
-    return None if math.isnan(value) else value
-
-
-def _median(values: FloatArray) -> float:
-    finite_values = values[np.isfinite(values)]
-    return float(np.median(finite_values)) if finite_values.size else float('nan')
+def _median(values: FloatArray) -> float | None:
+    """Return the median of the finite ``values``; None if there are none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else None
 
 
 SUMMARY = 'estimate shape and contact force from the measurements in a bag'
@@ -366,7 +362,7 @@ def run(options: argparse.Namespace) -> int:
             arguments.refuse_without_effect(
                 options, ('--clock-offset',), 'without --midlines to compare'
             )
-        outputs = []
+        outputs: list[Output] = []
         if out is not None:
             resources.enter_context(unwritten(out))
             write_bag, not_copied = _bag_output(options, resources, reader, recorded)
@@ -376,13 +372,8 @@ def run(options: argparse.Namespace) -> int:
             place = resources.enter_context(writing(options.csv, folder=True))
             tables = resources.enter_context(EstimateTables(place, recorded.models))
             outputs.append(tables.write)
-
-        def write(moment: Moment, update: EstimatorOutput) -> None:
-            for output in outputs:
-                output(moment, update)
-
         with Bar('times') as bar:
-            result = estimate(recorded, options.smooth, write, bar)
+            result = estimate(recorded, options.smooth, outputs, bar)
     if options.plot is not None:
         from octo_arm_model.experiment.pictures import draw_estimate, save
 
@@ -418,7 +409,7 @@ def _bag_output(
     resources: contextlib.ExitStack,
     reader: BagReader,
     recorded: SensorRecording,
-) -> tuple[Callable[[Moment, EstimatorOutput], None], list[str]]:
+) -> tuple[Output, list[str]]:
     """Return a function that writes estimates to --out, at most --rate per second, and remarks."""
     from octo_arm_model.bags.outputs import copy_bag, estimate_output
     from octo_arm_model.bags.writer import BagWriter

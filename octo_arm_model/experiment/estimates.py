@@ -101,6 +101,9 @@ class Moment(NamedTuple):
     is_significant: bool
 
 
+Output = Callable[[Moment, EstimatorOutput], None]  # takes one estimate, as to write it
+
+
 def _moment_of(group: Group, update: EstimatorOutput, recorded: SensorRecording) -> Moment:
     """Return tip, contact and their deviations after the ``update`` by a ``group``."""
     estimate, stamp = update.estimate, group[0].stamp_ns
@@ -214,17 +217,17 @@ class Result:
 def estimate(
     recorded: SensorRecording,
     is_smooth: bool = False,
-    write: Callable[[Moment, EstimatorOutput], None] = lambda moment, update: None,
+    outputs: Iterable[Output] = (),
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Result:
-    """Estimate the state at all times; ``write`` is called with each estimate.
+    """Estimate the state at all times; ``outputs`` are called with each estimate.
 
     ``progress`` is called with the numbers of times done and of all.
 
     Raises:
         SolveError: if there is no estimate at any time, or the smoother has no solution.
         MeasurementError: with ``is_smooth``, if times are too many or the contact's place unknown.
-        OctoArmError: if ``write`` raises it.
+        OctoArmError: if one of ``outputs`` raises it.
     """
     failures = Refusals()
     updates = _filtered(recorded, failures, progress)
@@ -238,7 +241,8 @@ def estimate(
     total: Counter[str] = Counter()
     for group, update in updates:
         moments.append(moment := _moment_of(group, update, recorded))
-        write(moment, update)
+        for output in outputs:
+            output(moment, update)
         if update.begins_anew:
             restarts.append(moment.time)
         if update.estimate.suspects:
