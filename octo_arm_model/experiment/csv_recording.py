@@ -160,7 +160,7 @@ def csv_frames(
         used = list(measured.marker_names)
         names = [[f'{name}_{axis}' for axis in 'xyz'] for name in used]
     columns = [table.find(name) for point in names for name in point]
-    units = [table.columns[number].unit for number in columns if isinstance(number, int)]
+    units = [column.unit for column in columns if column is not None and column.text]
     if measured.unit != MarkerSources.unit and all(units) and {*units} - {measured.unit}:
         said = ' and '.join(sorted({*units}))
         raise MeasurementError(f'--length-unit has no effect on {table.path}: it has {said}')

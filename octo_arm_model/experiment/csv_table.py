@@ -65,6 +65,7 @@ class _Column(NamedTuple):
     name: str
     unit: str
     text: str  # the header with name and unit
+    cells: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,7 @@ class CsvTable:
 
     Attributes:
         path: path of the file.
-        columns: name and unit of each column, '' if the header has none.
-        rows: texts of each row.
+        columns: name and unit of each column, '' if the header has none, and its cells.
         lines: line number of each row.
         given: for quantities in a column of another name: that name, #N for the N-th column, or a
             constant.
@@ -85,15 +85,14 @@ class CsvTable:
 
     path: Path
     columns: tuple[_Column, ...]
-    rows: tuple[Sequence[str], ...]
     lines: tuple[int, ...]
     given: Mapping[str, str]
     has_time: bool = True
     wanted: set[str] = field(default_factory=set)
     taken: set[str] = field(default_factory=set)
 
-    def find(self, name: str) -> int | float | None:
-        """Return the index of the column for ``name``, or the constant for it, or None.
+    def find(self, name: str) -> _Column | None:
+        """Return the column for ``name``, or None; that of a constant has no unit and no header.
 
         The column given for ``name`` may be in another file, which `check_columns` finds out.
 
@@ -102,16 +101,21 @@ class CsvTable:
         """
         self.wanted.add(name)
         if name not in self.given:
-            return self._index(name)
+            return self._column(name)
         header = self.given[name].strip()
-        index = self._index(header)
-        if index is not None or NUMBER.match(header):
+        column = self._column(header)
+        if column is not None:
+            unit = _split(header)[1]
+            column = column._replace(unit=column.unit or _IN_WORDS.get(unit, unit))
+        elif NUMBER.match(header):
+            column = _Column('', '', '', [header] * len(self.lines))
+        if column is not None:
             self.taken.add(name)
-            return float(header) if index is None else index
-        index = self._index(name)
-        if index is None:
+            return column
+        column = self._column(name)
+        if column is None:
             raise self.lacking(name)
-        return index
+        return column
 
     def has(self, name: str) -> bool:
         """Whether there is a column or a constant for ``name``."""
@@ -122,13 +126,13 @@ class CsvTable:
         header = shown(self.given[name].strip())
         return MeasurementError(f'{self.path}: no column {header} for {name}; {self.listing}')
 
-    def _index(self, header: str) -> int | None:
+    def _column(self, header: str) -> _Column | None:
         if header[:1] == '#' and header[1:].isdecimal() and len(header) < 9:
             if not 1 <= int(header[1:]) <= len(self.columns):
                 raise MeasurementError(
                     f'{self.path}: no column {header}, expected #1 to #{len(self.columns)}'
                 )
-            return int(header[1:]) - 1
+            return self.columns[int(header[1:]) - 1]
         for texts in (
             [column.text for column in self.columns],
             [column.name for column in self.columns],
@@ -140,17 +144,11 @@ class CsvTable:
                     f'#{texts.index(header) + 1}'
                 )
             if count:
-                return texts.index(header)
+                return self.columns[texts.index(header)]
         name, unit = _split(header)
         # Names of columns in other files may end as 'time_ms' does: only brackets say a unit.
-        index = self._index(name) if unit and header.endswith((']', ')')) else None
-        return index if index is None or self.columns[index].unit in ('', unit) else None
-
-    def _unit(self, name: str, index: int) -> str:
-        """Return the unit of a column by its header or by ``given``, '' if neither says it."""
-        said = _split(self.given[name])[1] if name in self.taken else ''
-        unit = self.columns[index].unit or said
-        return _IN_WORDS.get(unit, unit)
+        column = self._column(name) if unit and header.endswith((']', ')')) else None
+        return column if column is None or column.unit in ('', unit) else None
 
     @property
     def listing(self) -> str:
@@ -171,21 +169,18 @@ class CsvTable:
             MeasurementError: if there is no such column, it has another unit, or a cell does not
                 hold a number.
         """
-        index = self.find(name)
-        if index is None:
+        column = self.find(name)
+        if column is None:
             raise MeasurementError(
                 f'{self.path}: no column {name}; {self.listing}; say --columns {name}=COLUMN'
             )
-        if isinstance(index, float):
-            return np.full(len(self.rows), index)
-        unit = self._unit(name, index) or default
+        unit = column.unit or default
         if unit not in units and not is_scaled:
             raise MeasurementError(
                 f'{self.path}: {name} is in {shown(unit)}, expected {" or ".join(units)}'
             )
-        values = np.empty(len(self.rows))
-        for n, row in enumerate(self.rows):
-            text = row[index].strip()
+        values = np.empty(len(self.lines))
+        for n, text in enumerate(column.cells):
             if NUMBER.match(text) and math.isfinite(value := float(text)):
                 values[n] = value
             elif text in _MISSING:
@@ -205,31 +200,28 @@ class CsvTable:
         Raises:
             MeasurementError: if there is no such column, or a value is missing or not a time.
         """
-        index = self.find('time')
-        if index is None and not self.has_time:
-            return [row * 10**9 for row in range(len(self.rows))]
-        if isinstance(index, int) and _ISO.match(self.rows[0][index].strip()):
-            texts = [row[index].strip() for row in self.rows]
-            return [self._stamp(*line) for line in zip(texts, self.lines, strict=True)]
+        column = self.find('time')
+        if column is None and not self.has_time:
+            return [row * 10**9 for row in range(len(self.lines))]
+        if column is not None and _ISO.match(column.cells[0]):
+            return [self._stamp(*line) for line in zip(column.cells, self.lines, strict=True)]
         seconds = self.numbers('time', TIME, 's')
+        assert column is not None  # or `numbers` has raised
         fine = np.abs(seconds) < 2.0**31
         if not fine.all():
             n = int(np.argmin(fine))
             second, hint = float(seconds[n]), ''
             unit = next((one for one, factor in TIME.items() if abs(second) * factor < 2**31), '')
-            if unit and isinstance(index, int) and not self._unit('time', index):
-                header = self.given['time'].strip() if 'time' in self.taken else 'time'
+            header = self.given['time'].strip() if 'time' in self.taken else 'time'
+            if unit and not column.unit and not NUMBER.match(header):
                 hint = f'; in {unit}? then say --columns "time={header} [{unit}]"'
             raise MeasurementError(
                 f'{self.path}, line {self.lines[n]}: time is {second!r} s, '
                 f'expected a time below 2147483648 s{hint}'
             )
         # As floats, nanoseconds since 1970 would be rounded to a quarter of a microsecond.
-        scale, texts = 10**9, [str(index)] * len(self.rows)
-        if isinstance(index, int):
-            scale = round(1e9 * TIME[self._unit('time', index) or 's'])
-            texts = [row[index].strip() for row in self.rows]
-        return [round(scale * Decimal(text)) for text in texts]
+        scale = round(1e9 * TIME[column.unit or 's'])
+        return [round(scale * Decimal(text)) for text in column.cells]
 
     def _stamp(self, text: str, line: int) -> int:
         """Return a time in ISO 8601 as a stamp [ns]; without a zone it is UTC."""
@@ -294,7 +286,12 @@ def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> Csv
                 f'header; {_EXPECTED}'
             )
         del cells[len(columns) :]  # empty, of separators at the end of the line
-    return CsvTable(path, columns, tuple(rows), tuple(lines), given, has_time)
+    by_column = ([cell.strip() for cell in cells] for cells in zip(*rows))
+    columns = tuple(
+        column._replace(unit=_IN_WORDS.get(column.unit, column.unit), cells=cells)
+        for column, cells in zip(columns, by_column, strict=True)
+    )
+    return CsvTable(path, columns, tuple(lines), given, has_time)
 
 
 def check_columns(columns: Iterable[str], tables: Mapping[str, CsvTable]) -> None:

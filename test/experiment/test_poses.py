@@ -552,6 +552,14 @@ def test_what_is_read_has_bounds(tmp_path, cli, monkeypatch):
     assert 'larger than 10 bytes' in cli.refused('compare', *files)
 
 
+def test_a_constant_has_the_unit_of_the_points(tmp_path):
+    table = tmp_path / 'poses.csv'
+    table.write_text(LOADS.replace('\n', ',x,y\n', 1).rstrip('\n') + ',150,20\n')
+    files = CsvSources(table, table, None, {'z': '5'}, is_poses=True)
+    (tip,) = read_recording(None, EXACT[1], None, MarkerSources(unit='mm'), files).frames
+    assert_allclose(tip, [[0.15, 0.02, 0.005]])
+
+
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
