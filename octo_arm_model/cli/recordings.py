@@ -176,7 +176,7 @@ def read_options(
 ) -> tuple[
     Recording, Observations, list[str], Alignment | None, list[str], TensionTrajectory | None
 ]:
-    """Read the recording of `add_recording`'s options, and prepare its comparison.
+    """Read the recording of `recording_options`, and prepare its comparison.
 
     Without --model the models are ``default_models``, or that of the config if there are none; an
     arm that moves has the model exact.
