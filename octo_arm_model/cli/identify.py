@@ -21,9 +21,7 @@ from octo_arm_model.experiment.uncertainty import AUTO, Misfit
 from octo_arm_model.experiment.unknowns import FITS, is_of_arm
 
 
-def _misfit(misfit: Misfit | None) -> dict[str, float] | None:
-    if misfit is None:
-        return None
+def _misfit(misfit: Misfit) -> dict[str, float]:
     return {'rms': misfit.rms, 'tip_error_percent': 100.0 * misfit.tip_error}
 
 
@@ -39,10 +37,10 @@ def as_dict(
         names = [name for name, value in best.estimates.items() if value.value is not None]
         table = best.correlations.tolist()
         correlations = {name: dict(zip(names, row)) for name, row in zip(names, table)}
-    left_out = [{'steps': list(steps), **(_misfit(m) or {})} for steps, m in best.step_misfits]
+    left_out = [{'steps': list(steps), **_misfit(m)} for steps, m in best.step_misfits]
     cross_validation: dict[str, Any] | None = None
     if best.cross_validation is not None:
-        cross_validation = {**(_misfit(best.cross_validation) or {}), 'left_out': left_out}
+        cross_validation = {**_misfit(best.cross_validation), 'left_out': left_out}
     return {
         'model': best.model,
         'trustworthy': best.is_trustworthy,
@@ -58,7 +56,7 @@ def as_dict(
         },
         'correlations': correlations,
         'undetermined': list(best.undetermined),
-        'residuals': {'before': _misfit(best.before), 'after': _misfit(best.after)},
+        'residuals': {'before': _misfit(best.before), 'after': best.after and _misfit(best.after)},
         'cross_validation': cross_validation,
         'models': [
             {
@@ -66,8 +64,8 @@ def as_dict(
                 'trustworthy': fit.is_trustworthy,
                 'values': {name: value.value for name, value in fit.estimates.items()},
                 'intervals95': {name: value.interval95 for name, value in fit.estimates.items()},
-                'residuals': _misfit(fit.after),
-                'cross_validation': _misfit(fit.cross_validation),
+                'residuals': fit.after and _misfit(fit.after),
+                'cross_validation': fit.cross_validation and _misfit(fit.cross_validation),
             }
             for fit in fitted
         ],

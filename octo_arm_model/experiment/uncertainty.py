@@ -32,7 +32,6 @@ from octo_arm_model.experiment.fit import Problem
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.unknowns import is_of_arm
 
-P = TypeVar('P', bound=Problem)
 T = TypeVar('T')
 
 AUTO = 'auto'
@@ -252,7 +251,8 @@ def _normalised(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def determined(
-    problem_without: Callable[[Collection[str]], P], fit: Callable[[P], T | OpenDirection]
+    problem_without: Callable[[Collection[str]], Problem],
+    fit: Callable[[Problem], T | OpenDirection],
 ) -> tuple[T | None, tuple[str, ...]]:
     """Return the ``fit`` of the problem of the determined unknowns, None if there are none.
 
