@@ -17,7 +17,6 @@ from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.stiffness import SectionStiffness, default_highest
-from octo_arm_model.arm.tendon import Section
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.observations import MeasuredShape
@@ -268,32 +267,18 @@ def move_tendons(
 
     A section has one distance for all its tendons, so that the paths become tables.
     """
-    new = dict(values)
-    if not values.get('tendons.table_s'):
-        # Paths are linear in s, and have no effect beyond their anchorages.
-        s = (0.0, arm.length)
-        sections = [section for section in arm.sections if isinstance(section, Section)]
-        offsets = [section.offset(s) for section in sections for _ in section.angles]
-        turns = [
-            angle + twist * np.array(s) / section.anchorage
-            for section in sections
-            for angle, twist in zip(section.angles, section.twist or len(section.angles) * (0.0,))
-        ]
-        for name in (
-            'sections.offset_base',
-            'sections.offset_anchorage',
-            'tendons.angle',
-            'tendons.twist',
-        ):
-            new.pop(name, None)
-        new['tendons.table_s'] = list(s)
-        new['tendons.table_angle'] = np.concatenate(turns).tolist()
-        rows = np.array(offsets)
-    else:
-        rows = np.array(values['tendons.table_offset']).reshape(len(arm.tendons), -1)
-    farther = np.array([moved[name] for name in arm.tendon_names])[:, np.newaxis]
-    new['tendons.table_offset'] = (rows + farther).ravel().tolist()
-    return new
+    # Paths of sections are linear in s, and have no effect beyond their anchorages.
+    s = np.array(values.get('tendons.table_s') or (0.0, arm.length))
+    pairs = zip(arm.tendons, arm.tendon_names, strict=True)
+    offsets = [tendon.offset.value(s) + moved[name] for tendon, name in pairs]
+    angles = [tendon.angle.value(s) for tendon in arm.tendons]
+    sections = 'sections.offset_base', 'sections.offset_anchorage'
+    replaced = {*sections, 'tendons.angle', 'tendons.twist'}
+    return {name: value for name, value in values.items() if name not in replaced} | {
+        'tendons.table_s': s.tolist(),
+        'tendons.table_angle': np.concatenate(angles).tolist(),
+        'tendons.table_offset': np.concatenate(offsets).tolist(),
+    }
 
 
 _STIFF_SHEATH = 10.0  # initial stiffness of sheaths over the shear modulus, if the arm has none
