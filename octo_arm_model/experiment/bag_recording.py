@@ -1,6 +1,6 @@
 """Readers of tensions, encoder readings and measured points in a bag."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -73,7 +73,12 @@ class MeasuredTopics:
         if self._measured.marker_frames:
             pairs = self._read_transforms(points, base_frame, refusals)
         else:
-            pairs = self._messages(refusals, partial(self._read, points))
+            pairs = (
+                (stamp_ns, frame)
+                for _, stamp_ns, frame in read_messages(
+                    self._reader, self.topics, partial(self._read, points), refusals, self._count
+                )
+            )
         for stamp, frame in pairs:
             if self._measured.marker_frames or len(self.topics) > 1:
                 visible = np.isfinite(frame)
@@ -83,18 +88,6 @@ class MeasuredTopics:
         for stamp in sorted(frames):
             rows.add(stamp, frames[stamp])
         return rows
-
-    def _messages(
-        self, refusals: Refusals, read: Callable[[Record, Any], T]
-    ) -> Iterator[tuple[int, T]]:
-        """Yield the stamp [ns] of each message and the result of ``read``, unless that refuses."""
-        for record in self._reader.messages(list(dict.fromkeys(self.topics))):
-            self._count.add()
-            stamp, result, reason = self._reader.read(record, partial(read, record))
-            if result is None:
-                refusals.count(record.topic, reason)
-            else:
-                yield stamp.ns, result
 
     def _read(self, checks: MeasuredPoints, record: Record, message: Any) -> FloatArray:
         """Return the points of a ``message`` after ``checks``."""
@@ -116,25 +109,8 @@ class MeasuredTopics:
 
         Points are in base_frame if transforms lead there, otherwise in the root of the chain.
         """
-        tree, number, topics = TransformTree(), 0, ' and '.join(self.topics)
-        messages = self._messages(
-            refusals,
-            lambda record, message: [(record, transform) for transform in message.transforms],
-        )
-        for _, transforms in messages:
-            number += len(transforms)
-            if number > MOST_TRANSFORMS:
-                raise MeasurementError(f'{topics}: more than {MOST_TRANSFORMS} transforms')
-            for record, transform in transforms:
-                is_static = record.topic.endswith(_STATIC)
-                shift, q = transform.transform.translation, transform.transform.rotation
-                parts = np.array([shift.x, shift.y, shift.z]), np.array([q.x, q.y, q.z, q.w])
-                names = str(transform.header.frame_id), str(transform.child_frame_id)
-                try:
-                    stamp = stamp_of(transform, record.received_ns).ns
-                    tree.add(*names, stamp, *parts, is_static)
-                except OctoArmError as error:
-                    refusals.count(record.topic, str(error))
+        topics = ' and '.join(self.topics)
+        tree = read_transforms(self._reader, self.topics, refusals, self._count)
         for number, name in enumerate(self._measured.marker_frames):
             root = tree.chain(name)[-1]
             target = base_frame if tree.connects(name, base_frame) else root
@@ -154,6 +130,55 @@ class MeasuredTopics:
         points = np.full((len(self._measured.marker_s), 3), np.nan)
         points[number] = point
         return points
+
+
+def read_messages(
+    reader: BagReader,
+    topics: Sequence[str],
+    read: Callable[[Record, Any], T],
+    refusals: Refusals,
+    count: Count,
+) -> Iterator[tuple[Record, int, T]]:
+    """Yield each message of ``topics``, its stamp [ns] and the result of ``read``.
+
+    ``refusals`` count the messages that ``read`` refuses, and ``count`` counts all of them.
+    """
+    for record in reader.messages(list(dict.fromkeys(topics))):
+        count.add()
+        stamp, result, reason = reader.read(record, partial(read, record))
+        if result is None:
+            refusals.count(record.topic, reason)
+        else:
+            yield record, stamp.ns, result
+
+
+def read_transforms(
+    reader: BagReader, topics: Sequence[str], refusals: Refusals, count: Count
+) -> TransformTree:
+    """Return the transforms on ``topics``; for the other arguments see `read_messages`.
+
+    Raises:
+        MeasurementError: if there are too many.
+    """
+    tree, number = TransformTree(), 0
+    messages = read_messages(reader, topics, lambda _, m: list(m.transforms), refusals, count)
+    for record, _, transforms in messages:
+        number += len(transforms)
+        if number > MOST_TRANSFORMS:
+            raise MeasurementError(
+                f'{" and ".join(topics)}: more than {MOST_TRANSFORMS} transforms'
+            )
+        for transform in transforms:
+            is_static = record.topic.endswith(_STATIC)
+            shift, q = transform.transform.translation, transform.transform.rotation
+            parts = np.array([shift.x, shift.y, shift.z]), np.array([q.x, q.y, q.z, q.w])
+            names = str(transform.header.frame_id), str(transform.child_frame_id)
+            try:
+                stamp = stamp_of(transform, record.received_ns).ns
+                tree.add(*names, stamp, *parts, is_static)
+            except OctoArmError as error:
+                refusals.count(record.topic, str(error))
+    return tree
 
 
 class BagRecording:

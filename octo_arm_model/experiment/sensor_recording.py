@@ -10,6 +10,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.limits import MAX_NAME
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.sensor_topics import SensorTopics, find_sensors
@@ -25,9 +26,11 @@ from octo_arm_model.estimation.settings import (
 )
 from octo_arm_model.experiment.bag_recording import (
     MIDLINES,
+    TF,
     MeasuredTopics,
     notes_on,
     read_readings,
+    read_transforms,
 )
 from octo_arm_model.experiment.camera import Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
@@ -40,7 +43,7 @@ from octo_arm_model.experiment.recording import (
     assemble,
 )
 from octo_arm_model.experiment.steady_windows import reading_noise
-from octo_arm_model.wire.measurements import MeasuredArm
+from octo_arm_model.wire.measurements import MeasuredArm, PoseOf
 from octo_arm_model.wire.messages import Refusals
 
 _TIMES = 3.0  # standard deviations that the largest change of a tension may be
@@ -144,13 +147,11 @@ def read_sensor_recording(
     settings = EstimatorSettings.from_parameters(RECORDING_DEFAULTS | own, config, recorded)
     models = settings.models(config, budget=PATIENT)
     turned: set[str] = set()  # frames that are not base_frame, which have the pose given
-
-    def pose_of(frame: str, stamp_ns: int) -> Pose:
-        turned.add(frame)
-        given = sources.alignment or Alignment.none()
-        return Pose(tuple(given.shift.tolist()), tuple(given.quaternion.tolist()))
-
-    arm = MeasuredArm(config, settings, pose_of if sources.alignment else None)
+    if sources.alignment is None:
+        pose_of = _transforms(reader, sensors, config, refusals, count)
+    else:
+        pose_of = partial(_aligned, sources.alignment, turned)
+    arm = MeasuredArm(config, settings, pose_of)
     groups = read_measured(reader, sensors, tensions, arm, refusals, count)
     if not groups:
         where = ', '.join(sensors.all)
@@ -175,6 +176,40 @@ def read_sensor_recording(
     return SensorRecording(
         given, config, sensors, settings, models, groups, origin, camera, refusals, notes
     )
+
+
+def _aligned(alignment: Alignment, turned: set[str], frame: str, _: int) -> Pose:
+    """Return the pose that is given for any ``frame``, and add this to ``turned``."""
+    turned.add(frame)
+    return Pose(tuple(alignment.shift.tolist()), tuple(alignment.quaternion.tolist()))
+
+
+def _transforms(
+    reader: BagReader, sensors: SensorTopics, config: Config, refusals: Refusals, count: Count
+) -> PoseOf | None:
+    """Return what finds the poses of frames by TF; None if no sensor needs it or it is missing.
+
+    A sensor needs it if its first message is not in base_frame.
+    """
+    topics = [topic for topic, kind in reader.topics.items() if kind == TF]
+    first = (next(reader.messages([topic]), None) for topic in sensors.others.values())
+    frames = {
+        reader.read(record, lambda message: message.header.frame_id)[1]
+        for record in first
+        if record is not None
+    }
+    if not topics or frames <= {None, '', config.base_frame}:
+        return None
+    count.expect(reader.count(topics))
+    tree = read_transforms(reader, topics, refusals, count)
+
+    def pose_of(frame: str, stamp_ns: int) -> Pose:
+        try:
+            return tree.pose(frame, config.base_frame, stamp_ns)
+        except MeasurementError as error:
+            raise MeasurementError(f'its frame is {frame[:MAX_NAME]!r}, and {error}') from None
+
+    return pose_of
 
 
 def read_measured(

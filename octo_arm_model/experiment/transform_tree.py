@@ -7,7 +7,7 @@ hold at all times.
 
 import math
 from array import array
-from bisect import bisect_left
+from bisect import bisect, bisect_left
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -46,22 +46,25 @@ class _Link:
         del self.stamps[:], self.numbers[:]
         self.is_ascending = True
 
-    def table(self) -> tuple[IntArray, FloatArray]:
-        """Return ascending unique stamps (n,) [ns], and their numbers (n, 7)."""
-        self._sort()
-        return np.array(self.stamps, np.int64), np.array(self.numbers).reshape(-1, _NUMBERS)
+    def around(self, first: int, last: int) -> tuple[IntArray, FloatArray]:
+        """Return stamps (n,) [ns] from before ``first`` to after ``last``, and their numbers."""
+        self.sort()
+        start, stop = bisect(self.stamps, first), bisect(self.stamps, last) + 1
+        start = max(start - 1, 0)
+        numbers = np.array(self.numbers[_NUMBERS * start : _NUMBERS * stop])
+        return np.array(self.stamps[start:stop], np.int64), numbers.reshape(-1, _NUMBERS)
 
     def forget(self, history_ns: int) -> None:
         """Remove transforms over ``history_ns`` [ns] older than the newest."""
         stamp, numbers = self.stamps[-1], self.numbers[-_NUMBERS:]
-        self._sort()
+        self.sort()
         if stamp < self.stamps[-1] - history_ns:
             self.clear()
             self.add(stamp, numbers)
         gone = bisect_left(self.stamps, self.stamps[-1] - history_ns)
         del self.stamps[:gone], self.numbers[: gone * _NUMBERS]
 
-    def _sort(self) -> None:
+    def sort(self) -> None:
         """Sort by stamps, and keep each stamp once."""
         if self.is_ascending:
             return
@@ -148,7 +151,9 @@ class TransformTree:
                 f'all transforms from {frame!r} to {target!r} are static, expected stamps of a '
                 'measurement'
             )
-        stamps, _ = self._links[moving[0]].table()
+        link = self._links[moving[0]]
+        link.sort()
+        stamps = np.array(link.stamps, np.int64)
         known = np.ones(len(stamps), dtype=bool)
         points, _ = self._poses(path, stamps, known, skip, needs_turn=False)
         return stamps[known], points[known]
@@ -245,8 +250,15 @@ class TransformTree:
         Unless ``needs_turn`` the rotation is not read, and is the identity.
         """
         link = self._links[child]
-        times, numbers = link.table()
+        link.sort()
         name = f'the transform from {child!r} to {link.parent!r}'
+        first, last = link.stamps[0], link.stamps[-1]
+        outside = known & ((stamps < first) | (stamps > last)) & (not link.is_static)
+        known &= ~outside
+        for stamp in stamps[outside].tolist():
+            skip(f'{name} is not known at {1e-9 * stamp:.3f} s')
+        at = np.clip(stamps, first, last)
+        times, numbers = link.around(int(at.min()), int(at.max()))
         if needs_turn:
             norm = np.linalg.norm(numbers[:, 3:], axis=1)
             good = np.isfinite(numbers).all(axis=1) & (np.abs(norm - 1.0) < _UNIT)
@@ -258,17 +270,6 @@ class TransformTree:
                 )
         else:
             numbers[:, 3:] = 0.0, 0.0, 0.0, 1.0
-        if link.is_static:
-            times, numbers = stamps[:1], numbers[:1]
-        outside = known & ((stamps < times[0]) | (stamps > times[-1])) & (not link.is_static)
-        known &= ~outside
-        for stamp in stamps[outside].tolist():
-            skip(f'{name} is not known at {1e-9 * stamp:.3f} s')
-        at = np.clip(stamps, times[0], times[-1])
-        # Only the transforms around the stamps are needed, not the whole history.
-        first, after = np.searchsorted(times, (at.min(), at.max()), side='right')
-        near = slice(max(first - 1, 0), after + 1)
-        times, numbers = times[near], numbers[near]
         # Differences are exact as integers, and small enough as seconds.
         seconds, wanted = 1e-9 * (times - times[0]), 1e-9 * (at - times[0])
         shift = interpolated(wanted, seconds, numbers[:, :3])

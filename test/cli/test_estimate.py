@@ -7,8 +7,12 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip('rosbags', reason='needs rosbags')
+import experiments
+from experiments import MARKER_S, nanoseconds
+
 from octo_arm_model.bags.outputs import (
     TOUCH_DIRECTION,
     Experiment,
@@ -238,6 +242,30 @@ def test_the_picture_is_drawn(short_bag, tmp_path, cli, contact):
     path = tmp_path / 'pictures' / 'touch.png'
     assert cli(f'estimate {short_bag} --contact {contact} --plot {path}')[0] == 0
     assert path.read_bytes().startswith(b'\x89PNG')
+
+
+def test_markers_in_another_frame_are_where_transforms_have_them(tmp_path, cli):
+    time, pulled, at_rest = experiments.staircase_of(experiments.TENSIONS[:2])
+    bags = [tmp_path / frame for frame in ('arm_base', 'world')]
+    for bag in bags:
+        samples = [experiments.description(), *experiments.tension_samples(time, pulled)]
+        for at, tension in zip(at_rest, np.interp(at_rest, time, pulled)):
+            stamp, points = nanoseconds(at), experiments.seen(tension, MARKER_S[1:])
+            if bag.name == 'world':  # in which the base moves
+                turn = Rotation.from_rotvec([0.3 * at, 0.0, 1.0])
+                place = np.array([1.0, 0.2 * at, 0.5])
+                base = experiments.transform(stamp, 'arm_base', place, 'world', turn.as_quat())
+                samples.append(experiments.tf_message([base], stamp))
+                points = turn.apply(points) + place
+            poses, header = map(experiments.pose, points), experiments.header(stamp, bag.name)
+            name, kind = '/measured/markers', 'geometry_msgs/msg/PoseArray'
+            samples.append(experiments.message(name, kind, stamp, header=header, poses=[*poses]))
+        experiments.bag_of(bag, samples)
+    markers = ' '.join(map(str, MARKER_S[1:]))
+    result, moving = (cli.json(f'estimate {bag} --marker-s {markers} --json') for bag in bags)
+    innovations = result['innovations']['markers']
+    assert innovations['accepted'] == len(at_rest)
+    assert moving['innovations']['markers'] == pytest.approx(innovations, rel=1e-6)
 
 
 def test_tip_poses_alone_do(short_bag, cli):
