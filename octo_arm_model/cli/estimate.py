@@ -308,8 +308,8 @@ bag BAG path: rosbag2 folder, .mcap, .db3 or .csv file, which is not changed
 --marker-names NAME...: names or numbers of the markers at --marker-s in a message of --markers
     TOPIC:FIELD, or in columns NAME_x, NAME_y and NAME_z of a table
 --align A...: pose in base_frame of any other frame of measurements: X Y Z QX QY QZ QW, none if it
-    equals base_frame, or fit (default: the pose of the camera is fitted, and other measurements are
-    where the transforms of the bag have their frame, else refused)
+    equals base_frame, or fit (default: the pose of the camera is fitted, those of other frames are
+    the transforms of the bag, without which measurements are refused)
 --clock-offset S float: offset added to the stamps of --midlines [s]; by default found from the
     motion
 [what is unknown]
