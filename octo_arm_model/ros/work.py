@@ -138,6 +138,8 @@ class WorkQueue:
         try:
             with until_shutdown(self._node.context):
                 self._due.popleft()()
+        except Exception:  # a fault of this package, by which rclpy's executor would crash
+            self._node.get_logger().error(traceback.format_exc())
         finally:
             self._queue()
 

@@ -24,7 +24,7 @@ from octo_arm_model.ros.estimator.main import PreparedEstimator
 from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
 from octo_arm_model.ros.node.server import Prepared
 from octo_arm_model.ros.topics import message_class
-from octo_arm_model.ros.work import LONGEST_WAIT, MOST_WAITING, QueuedService
+from octo_arm_model.ros.work import LONGEST_WAIT, MOST_WAITING, QueuedService, WorkQueue
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 
@@ -63,6 +63,14 @@ def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
     service.close()
     live_nodes.spin_until(executor, lambda: all(one.done() for one in asked))
     assert {one.result().message for one in asked} == {'the node stops answering'}
+
+
+def test_after_a_fault_the_next_work_is_done(make_node):
+    node, done = make_node('working'), []
+    work = WorkQueue(node)
+    for piece in ([].pop, lambda: done.append(True)):
+        work.add(piece)
+    live_nodes.spin_until(node.executor, lambda: done)
 
 
 # The solver sends the signal itself and then never returns.
