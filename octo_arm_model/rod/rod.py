@@ -1,6 +1,9 @@
 """One arm and its loads: stable equilibria for given tensions and a given wrench on the tip."""
 
+from __future__ import annotations
+
 import contextlib
+import dataclasses
 import functools
 from typing import NamedTuple
 
@@ -122,6 +125,12 @@ class Rod:
         places = np.concatenate([problem.elements.edges, problem.elements.s])
         LoadLimits(self.arm, places).check_loads(loads, straight)
         return straight
+
+    @functools.cached_property
+    def without_obstacles(self) -> Rod:
+        """The same rod without obstacles."""
+        loads = dataclasses.replace(self._loads, obstacles=())
+        return Rod(self.arm, loads, self._base, self.setting)
 
     @functools.cached_property
     def _flexibility(self) -> tuple[float, float, FloatArray]:

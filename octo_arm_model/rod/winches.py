@@ -220,7 +220,12 @@ class _Search:
         if rod.has_obstacles:
             # Loads act from the beginning, because they press the arm against the obstacles. The
             # search may need fewer nodes than its start.
-            start = self._under_tensions(condition.tensions, condition, None)
+            with self._ignoring_failure():
+                start = self._under_tensions(condition.tensions, condition, None)
+                return self._search(target, rod.on_level(start, level))
+            # If winches did not pull, the arm might be inside an obstacle.
+            free = Winches(rod.without_obstacles).solve(target, None, self._spending)
+            start = self._under_tensions(free.state.condition.tensions, condition, None)
             return self._search(target, rod.on_level(start, level))
         free = condition._replace(tip_wrench=np.zeros(6), factor=0.0)
         if condition.before is None and not condition.tensions.any():

@@ -28,6 +28,7 @@ from octo_arm_model import (
     SolveError,
     Solver,
     Sphere,
+    solve_displacements,
 )
 from octo_arm_model.arm.limits import Budget
 from octo_arm_model.arm.obstacles import Obstacle
@@ -184,6 +185,9 @@ def test_arm_that_a_tendon_pulls_away_is_found_though_a_ball_is_where_it_is_unlo
     assert solver.solve([[1.0, 0.0]]).tip == pytest.approx(free.tip, abs=2e-8 * LENGTH)
     with pytest.raises(ConvergenceError, match=r'0.017 m inside loads.obstacles\[0\]'):
         solver.solve(SLACK)
+    reeled_in = {'tendon_1_1': float(alone.displacements(free)[0, 0])}
+    wound = solve_displacements(solver, reeled_in)
+    assert wound.backbone.tip == pytest.approx(free.tip, abs=1e-7 * LENGTH)
 
 
 @pytest.mark.parametrize('at', [0.4, 0.4004, 0.4008])
