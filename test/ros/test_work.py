@@ -4,6 +4,7 @@ import contextlib
 import subprocess
 import sys
 import time
+from functools import partial
 from typing import Any
 
 import live_nodes
@@ -65,12 +66,13 @@ def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
     assert {one.result().message for one in asked} == {'the node stops answering'}
 
 
-def test_after_a_fault_the_next_work_is_done(make_node):
+def test_a_piece_that_is_due_is_not_due_twice_and_after_a_fault_the_next_is_done(make_node):
     node, done = make_node('working'), []
-    work = WorkQueue(node)
-    for piece in ([].pop, lambda: done.append(True)):
-        work.add(piece)
-    live_nodes.spin_until(node.executor, lambda: done)
+    work, piece = WorkQueue(node), partial(done.append, 'once')
+    for one in ([].pop, piece, piece, partial(done.append, 'after')):
+        work.add(one)
+    live_nodes.spin_until(node.executor, lambda: 'after' in done)
+    assert done == ['once', 'after']
 
 
 # The solver sends the signal itself and then never returns.

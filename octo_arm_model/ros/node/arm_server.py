@@ -3,7 +3,7 @@
 import copy
 import time
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -149,8 +149,10 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         self._wrench = self._inputs.subscribe(
             WrenchStamped, 'tip_wrench', self._tip_wrench.take, is_answered=False
         )
+        # A solve that has not ended when the node stops keeps its copy of the solver to itself.
+        on_solve = partial(self._on_solve, lru_cache(maxsize=1)(copy.copy))
         self._services = [
-            QueuedService(self._node, Solve, 'solve', self._on_solve),
+            QueuedService(self._node, Solve, 'solve', on_solve),
             QueuedService(self._node, FindTensions, 'find_tensions', self._on_find_tensions),
         ]
 
@@ -229,10 +231,14 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         self._publish_shape(topic, stamp_of(message), displacements=displacements)
 
     def _on_solve(
-        self, request: Solve.Request, response: Solve.Response, pause: Callable[[], None]
+        self,
+        copy_of: Callable[[Solver], Solver],
+        request: Solve.Request,
+        response: Solve.Response,
+        pause: Callable[[], None],
     ) -> None:
         arm = self._arm  # another one may take its place meanwhile
-        solver, frame = arm.apart, arm.config.base_frame
+        solver, frame = copy_of(arm.solver), arm.config.base_frame
         try:
             tensions = TENDON_TENSIONS.read(request.tensions, solver.arm)
             wrench = wrench_values(request.tip_wrench)

@@ -1,6 +1,5 @@
 """Parts that the nodes of an arm share: parameters, diagnostics, tension inputs and publishers."""
 
-import copy
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -41,11 +40,6 @@ class Prepared:
     description: str
     config: Config
     solver: Solver
-
-    @functools.cached_property
-    def apart(self) -> Solver:
-        """A copy of the solver, for one other thread."""
-        return copy.copy(self.solver)
 
     @functools.cached_property
     def followed(self) -> tuple[Solver, FollowingWrench]:

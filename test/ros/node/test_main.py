@@ -5,17 +5,20 @@ import subprocess
 import sys
 import time
 from functools import partial
+from unittest.mock import Mock
 
 import live_nodes
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
+from octo_arm_msgs.srv import Solve
 from std_msgs.msg import String
 
 from octo_arm_model import Config, OctoArmError, load_config
 from octo_arm_model.config.paper_data import FETCHING_IN_PLANE
 from octo_arm_model.config.parameter_files import parse_parameters
 from octo_arm_model.ros.estimator.main import ManagedEstimatorNode
+from octo_arm_model.ros.node import arm_server
 from octo_arm_model.ros.node import main as node
 from octo_arm_model.ros.node.outputs import LATCHED_QOS
 from octo_arm_model.ros.simulator import main as simulator
@@ -193,7 +196,10 @@ def test_fast_dds_takes_our_profiles_unless_it_is_set_up_otherwise(tmp_path):
     assert not environment
 
 
-def test_a_managed_node_answers_while_it_is_active_and_says_what_it_is():
+def test_a_managed_node_answers_while_it_is_active_and_says_what_it_is(monkeypatch):
+    copies = []  # a solve that goes on beyond a deactivation keeps its own
+    copying = Mock(copy=lambda solver: copies.append(solver) or solver)
+    monkeypatch.setattr(arm_server, 'copy', copying)
     with live_nodes.hosting(node.ManagedOctoArmNode) as client:
         assert client.change(diagnostics__silence_limit=1e6) == (True, '')
 
@@ -217,8 +223,10 @@ def test_a_managed_node_answers_while_it_is_active_and_says_what_it_is():
             client.connect()
             answers = client.ask('tendon_tensions', FETCHING_IN_PLANE)
             live_nodes.assert_is_backbone(answers, FETCHING_IN_PLANE)
+            assert not client.call(Solve, 'solve', Solve.Request()).success
             turns(Transition.TRANSITION_DEACTIVATE, 'inactive')
             client.wait(lambda: not client.node.count_subscribers('tendon_tensions'), 'its end')
+        assert len(copies) == 2
         assert client.status('solver')[1]['model'] == 'renda2012'
         turns(Transition.TRANSITION_CLEANUP, 'unconfigured')
         client.wait(lambda: not client.node.count_publishers('backbone/path'), 'its end')
