@@ -285,8 +285,8 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._run_back.clear()
         used, refused, failed = (diagnostics.lately[w] for w in ('answered', 'refused', 'failed'))
         if refused + failed and not used:
-            reason = diagnostics.reason if refused else diagnostics.failure
-            problems.append(f'none of {refused + failed} measurements could be used: {reason}')
+            words = f'none of {refused + failed} measurements could be used'
+            problems.append(f'{words}: {diagnostics.unanswered}')
         fine = 'estimating' if used else 'waiting'
         if estimator is None or update is None:
             problem = diagnostics.idle or '; '.join(problems)

@@ -122,7 +122,7 @@ class Diagnostics(Report):
         clock: the clock that stamps are compared with.
         arm: the arm that keeps the history of friction, or None.
         idle: state of an inactive node, '' for an active one.
-        failure: why the last message that was not answered had no shape, '' before.
+        unanswered: topic and reason of the last message that was not answered, '' before.
         parts: functions that make further statuses.
     """
 
@@ -138,7 +138,7 @@ class Diagnostics(Report):
         self._topics = set[tuple[str, bool]]()
         self._newest: dict[str, float] = {}
         self._last: float | None = None
-        self.failure = self._unknown = ''
+        self.unanswered = self._failure = self._unknown = ''
         self._refusals = Refusals()
         self._backbone: Backbone | None = None
         self.clock = SteppedClock(node)
@@ -188,11 +188,12 @@ class Diagnostics(Report):
 
     def refused(self, topic: str, error: OctoArmError) -> None:
         """Count and log a message on ``topic`` that is not answered because of ``error``."""
+        self.unanswered = f'{topic}: {in_short(error)}'
         if isinstance(error, SolveError):
             self.count('failed')
             self.count('unaffordable', int(isinstance(error, ContinuationError)))
-            self.failure = in_short(error)
-            self.log.add(f'{topic} refused', self.failure)
+            self._failure = in_short(error)
+            self.log.add(f'{topic} refused', self._failure)
         else:
             super().refused(topic, error)
             self._refusals.count(topic, in_short(error))
@@ -206,7 +207,7 @@ class Diagnostics(Report):
     def _solver_status(self) -> DiagnosticStatus:
         failed, answered = self.lately['failed'], self.lately['answered']
         unknown, busy = self.lately['tip unknown'], self.lately['busy']
-        problem = self.idle or (f'no answer to {failed}: {self.failure}' if failed else '')
+        problem = self.idle or (f'no answer to {failed}: {self._failure}' if failed else '')
         if unknown and not problem:
             problem = f'no covariance, and so no tip_pose, for {unknown}: {self._unknown}'
         level = DiagnosticStatus.ERROR if failed and not answered else DiagnosticStatus.WARN
@@ -224,7 +225,7 @@ class Diagnostics(Report):
                 'time per solve [ms]': f'{1e3 * busy / answered:.3f}' if answered else '',
                 'failures': self.totals['failed'],
                 'beyond solve_budget': self.totals['unaffordable'],
-                'last failure': self.failure,
+                'last failure': self._failure,
                 'shapes without tip_pose': self.totals['tip unknown'],
                 'friction history kept': self.arm is not None and self.arm.has_history,
                 'friction history forgotten after a gap': self.arm.forgotten if self.arm else 0,

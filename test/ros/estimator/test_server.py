@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import math
 from functools import partial
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from octo_arm_model import Loads, PointLoad, displacements_of
+from octo_arm_model import Loads, PointLoad, SolveError, displacements_of
+from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.ros.estimator.main import EstimatorNode, ManagedEstimatorNode
 
 FORCE = np.array([0.0, -0.004, 0.008])
@@ -159,13 +161,16 @@ def test_a_bag_that_begins_anew_is_followed_from_its_beginning(client):
     assert_allclose(stddev, PRIOR, rtol=1e-6)
 
 
-def test_where_no_stamp_can_be_used_the_estimate_is_not_said_to_be_well(client):
+def test_where_nothing_can_be_used_the_estimate_is_not_said_to_be_well(client, monkeypatch):
     client.diagnostics.clear()
-    client.wait(
-        lambda: warned(client, 'could be used: /tendon_tensions: its stamp is'),
-        'a warning',
-        lambda: client.send('tendon_tensions', 1000.0, setting('header.stamp.sec', 2**31 - 1)),
-    )
+    for seconds, why in ((2**31 - 1, 'its stamp is'), (1000, 'there is no shape')):
+        client.wait(
+            lambda why=why: warned(client, f'could be used: /tendon_tensions: {why}'),
+            'a warning',
+            lambda s=seconds: client.send('tendon_tensions', 1.0, setting('header.stamp.sec', s)),
+        )
+        monkeypatch.setattr(Estimator, 'add', Mock(side_effect=SolveError('there is no shape')))
+    monkeypatch.undo()
     client.measure([1000.0])
     status, _ = client.status('estimate')
     assert 'could be used' not in status.message
