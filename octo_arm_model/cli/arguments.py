@@ -53,6 +53,9 @@ def path_of(text: str) -> Path:
 
 
 _TYPES = {'float': float, 'int': int, 'path': path_of}
+_LINE = re.compile(  # name, words, type or choices, default, name in the namespace, help
+    rf'[\w-]+( [^a-z{{ ]+)*( ({"|".join(_TYPES)}|{{\S+}}))?( = .+?)?( -> \S+)?: .'
+)
 
 
 def add(parser: argparse.ArgumentParser, text: str) -> None:
@@ -60,7 +63,8 @@ def add(parser: argparse.ArgumentParser, text: str) -> None:
 
     Each begins a line with its name, words for its values, and behind a colon its help, which
     goes on in indented lines. Values are texts, unless a type (float, int, path) or the choices
-    are behind the words, or the default is a number. An option without a word is a flag::
+    are behind the words, or the default is a number. An option without a word is a flag.
+    ValueError is raised if a line is none of these::
 
         --hold S = 1.0: a number, with its default
         --marker-s S... float: one or more values, by default none
@@ -87,8 +91,10 @@ def add(parser: argparse.ArgumentParser, text: str) -> None:
             outer, place = place, place.add_mutually_exclusive_group()
         elif entry == ')':
             place = outer
-        else:
+        elif _LINE.match(entry):
             _add_one(place, entry)
+        else:
+            raise ValueError(f'{entry!r} is no option: expected NAME WORDS TYPE = DEFAULT: HELP')
 
 
 def _add_one(place: Any, entry: str) -> None:
@@ -110,7 +116,7 @@ def _add_one(place: Any, entry: str) -> None:
     if default:
         how['help'] += ' (default: %(default)s)'
         how['default'] = yaml.safe_load(default)
-        how['type'] = type(how['default'])
+        how.setdefault('type', type(how['default']))
     if len(words) > 1:
         how |= {'nargs': len(words), 'metavar': tuple(words)}
     elif words:

@@ -1,5 +1,6 @@
 """The command line: wrong input and usage, and what solve, inverse, workspace and play make."""
 
+import argparse
 import dataclasses
 import json
 import re
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Config, ConfigError, Loads, Solver
 from octo_arm_model.analysis.workspace import sample_workspace
-from octo_arm_model.cli import workspace
+from octo_arm_model.cli import arguments, workspace
 from octo_arm_model.config.paper_data import FETCHING_IN_SPACE
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
 from octo_arm_model.simulation.movements import find_profile, profile_names
@@ -100,6 +101,12 @@ def test_wrong_usage_is_status_2(cli, command):
     status, _, err = cli.left(command)
     assert status == 2 and err.startswith('octo-arm') and err.count('\n') == 1
     assert 'error: ' in err and err.endswith(f'{err.partition(": ")[0]} --help\n')
+
+
+def test_a_text_of_options_with_a_typing_error_is_refused():
+    for line in ('--a X flaot: a number', '--a X float a number', '--a b: a flag'):
+        with pytest.raises(ValueError, match='is no option: expected'):
+            arguments.add(argparse.ArgumentParser(), line)
 
 
 @pytest.mark.parametrize(
