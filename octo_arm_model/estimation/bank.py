@@ -90,6 +90,8 @@ class Bank(NamedTuple):
     def agreement_after(self, ratio: float, information: float) -> tuple[float, float]:
         """Return `agreement` after one more ``ratio`` with this inverse variance."""
         value, known = self.agreement
+        if not information:
+            return self.agreement
         total = (1.0 - 1.0 / _LATELY) * known + information
         return value + information / total * (ratio - value), total
 
