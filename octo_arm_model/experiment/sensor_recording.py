@@ -45,6 +45,7 @@ from octo_arm_model.experiment.recording import (
 from octo_arm_model.experiment.steady_windows import reading_noise
 from octo_arm_model.wire.measurements import MeasuredArm, PoseOf
 from octo_arm_model.wire.messages import Refusals
+from octo_arm_model.wire.tensions import DISPLACEMENTS
 
 _TIMES = 3.0  # standard deviations that the largest change of a tension may be
 
@@ -189,16 +190,15 @@ def _transforms(
 ) -> PoseOf | None:
     """Return what finds the poses of frames by TF; None if no sensor needs it or it is missing.
 
-    A sensor needs it if its first message is not in base_frame.
+    Displacements have no frame; other sensors need it if a message is not in base_frame.
     """
     topics = [topic for topic, kind in reader.topics.items() if kind == TF]
-    first = (next(reader.messages([topic]), None) for topic in sensors.others.values())
+    framed = [topic for name, topic in sensors.others.items() if name != DISPLACEMENTS]
     frames = {
-        reader.read(record, lambda message: message.header.frame_id)[1]
-        for record in first
-        if record is not None
+        reader.read(record, lambda message: str(message.header.frame_id))[1]
+        for record in (reader.messages(framed) if topics and framed else ())
     }
-    if not topics or frames <= {None, '', config.base_frame}:
+    if frames <= {None, '', config.base_frame}:
         return None
     count.expect(reader.count(topics))
     tree = read_transforms(reader, topics, refusals, count)
