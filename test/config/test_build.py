@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from octo_arm_model import ArmDefinitionError, Config, ConfigError, Cylinder, Plane, Sphere
+from octo_arm_model.arm.errors import TensionError
 from octo_arm_model.config.calibration import Calibration
 from octo_arm_model.config.parameter import Parameter
 from octo_arm_model.config.parameter_files import load_parameters
@@ -28,6 +29,8 @@ def test_readings_are_scaled_shifted_and_zeroed_within_the_deadband():
     zeroed = Calibration(0.02).tensions(CONFIG.arm, np.full((3, 4), -0.02) + 0.01 * np.eye(3, 4))
     assert (zeroed == 0.0).all()
     assert Calibration(0.02).scale_and_offset(np.array([0.021])).item() == 0.021
+    with pytest.raises(TensionError, match=r'tension of tendon_1_1 is .*_deadband of 0.02 N'):
+        Calibration(0.02).tensions(CONFIG.arm, np.full((3, 4), -0.021))
 
 
 @pytest.mark.parametrize(
