@@ -251,9 +251,8 @@ def read_readings(
 ) -> StampedRows | None:
     """Return tensions or encoder readings of a bag, NaN for tendons without one.
 
-    There are none without a ``source``.
-    ``refusals`` count the messages left out, ``count`` all of them. ``raw`` tensions may be below
-    zero by noise.
+    There are none without a ``source``. ``refusals`` count the messages left out, ``count`` all of
+    them. ``raw`` tensions may be below zero by noise.
 
     Raises:
         BagError: if the bag is damaged.
