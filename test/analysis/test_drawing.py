@@ -164,6 +164,8 @@ def test_ring_overlaps_unless_its_gap_exceeds_its_thickness():
     overlap, s = overlap_of(arc(0.05, 2.0 * np.pi))
     assert overlap.depth == pytest.approx(2.0 * RADIUS, rel=1e-6)
     assert_allclose(overlap.s, [0.0, s[-1]], atol=1e-9)
+    cone, _ = overlap_of(arc(0.05, 2.0 * np.pi), np.linspace(0.02, 0.004, len(s)))
+    assert cone.depth == pytest.approx(0.024, rel=1e-6)
     for position in ([[0, 0, 0]], [[0, 0, 0], [1, 0, 0]], np.linspace([0, 0, 0], [0.4, 0, 0], 9)):
         assert overlap_of(position)[0] is None
 

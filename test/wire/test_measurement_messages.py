@@ -21,7 +21,7 @@ from octo_arm_model.estimation.settings import EstimatorSettings
 from octo_arm_model.estimation.unknowns import Unknowns, Walk
 from octo_arm_model.wire.measurements import MEASUREMENT_TOPICS, MeasuredArm, tensions_of
 from octo_arm_model.wire.messages import Refusals, Stamp, time_of
-from octo_arm_model.wire.tensions import FLOAT64_ARRAY, JOINT_STATE, FieldMessage
+from octo_arm_model.wire.tensions import FLOAT64_ARRAY, JOINT_STATE, TENDON_TENSIONS, FieldMessage
 
 PARAMETERS = {
     **load_parameters('renda2012_prototype'),
@@ -299,6 +299,13 @@ def test_number_of_counted_reasons_is_bounded():
     assert refusals.total == 10_000
     assert len(refusals.counts) <= 51
     assert refusals.of('/a')['other reasons'] == 9_950
+
+
+def test_length_of_errors_is_bounded():
+    for names in (['x' * 10**6] * 2, [f'n{i}' for i in range(10**5)], ['a', 'b'] * 10**5):
+        with pytest.raises(TensionError) as refusal:
+            TENDON_TENSIONS.read(SimpleNamespace(name=names, tension=names), TWELVE)
+        assert len(str(refusal.value)) < 1000
 
 
 def test_unset_stamp_has_no_time():
