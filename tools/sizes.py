@@ -24,7 +24,7 @@ MOST = {
     'octo_arm_model/cli': 2_880,
     'octo_arm_model/config': 1_680,
     'octo_arm_model/estimation': 3_460,
-    'octo_arm_model/experiment': 6_260,
+    'octo_arm_model/experiment': 6_250,
     'octo_arm_model/reproduce': 1_030,
     'octo_arm_model/rod': 11_360,
     'octo_arm_model/ros': 4_510,
