@@ -1,8 +1,8 @@
 """Command profiles by name, which are files or movements of an arm, and limits of tensions."""
 
-import contextlib
 import functools
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,14 +36,27 @@ SAMPLE = 0.02  # time between rows of movements that are not sequences of postur
 _COMPRESSION = 0.1
 
 
+@dataclass(frozen=True)
+class Movement:
+    """A profile that is computed for an arm.
+
+    Attributes:
+        description: line for lists of movements.
+        profile: function of an arm without an objection and of largest tensions [N], or None for
+            `default_highest`, that returns the profile.
+        objection: function of an arm that returns why the movement is not for it; empty if it is.
+    """
+
+    description: str
+    profile: Callable[[Arm, ArrayLike | None], CommandProfile]
+    objection: Callable[[Arm], str] = lambda arm: ''
+
+
 # Movements of the paper --------------------------------------------------------------------------
 
 
-def _postures(
-    preset: str, postures: Sequence[Tensions], arm: Arm, highest: ArrayLike | None
-) -> CommandProfile:
+def _postures(postures: Sequence[Tensions], arm: Arm, highest: ArrayLike | None) -> CommandProfile:
     """Return a profile from rest through ``postures`` and back, each held for `HOLD_TIME`."""
-    _check_postures(preset, postures, arm)
     if highest is not None:
         raise ProfileError('highest does not go with tensions of the paper')
     rest = np.zeros(len(arm.tendons))
@@ -53,10 +66,10 @@ def _postures(
     return CommandProfile(times, np.array(rows))
 
 
-def _check_postures(preset: str, postures: Sequence[Tensions], arm: Arm) -> None:
+def _paper_objection(postures: Sequence[Tensions], preset: str, arm: Arm) -> str:
     shape = np.shape(postures[0])
     if arm.tension_shape != shape:
-        raise ProfileError(
+        return (
             f'these tensions are for {shape[0]} sections of {shape[1]} tendons, such as '
             f'{preset}, those of this arm have shape {arm.tension_shape}'
         )
@@ -67,10 +80,23 @@ def _check_postures(preset: str, postures: Sequence[Tensions], arm: Arm) -> None
         compression = np.cumsum(np.sum(posture, axis=1)) / axial
         worst = int(np.argmax(compression))
         if compression[worst] >= 1.0:
-            raise ProfileError(
+            return (
                 f'these tensions are for {preset}, and would compress this arm to nothing at '
                 f's = {ends[worst]} m'
             )
+    return ''
+
+
+def _of_paper(preset: str, description: str, *postures: Tensions) -> Movement:
+    return Movement(
+        description,
+        functools.partial(_postures, postures),
+        functools.partial(_paper_objection, postures, preset),
+    )
+
+
+_bending = functools.partial(_of_paper, 'renda2012_table2')
+_fetching = functools.partial(_of_paper, 'renda2012_table4')
 
 
 # Movements of any arm ----------------------------------------------------------------------------
@@ -107,8 +133,6 @@ def _sweep(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
 
 def _rotating(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
     """Return tensions whose bending plane turns at a constant rate, as in section 6.1."""
-    if (count := len(arm.sections[0].tendons)) != 4:
-        raise ProfileError(f'rotating takes four tendons in section 1, this arm has {count}')
     times = np.arange(0.0, TURNS * TURN_TIME + 0.5 * SAMPLE, SAMPLE)
     rise = np.clip(np.minimum(times, times[-1] - times) / (0.5 * TURN_TIME), 0.0, 1.0)
     angle = 2.0 * np.pi / TURN_TIME * times[:, np.newaxis] - 0.5 * np.pi * np.arange(4)
@@ -118,38 +142,39 @@ def _rotating(arm: Arm, highest: ArrayLike | None) -> CommandProfile:
     return CommandProfile(times, rows, 'linear')
 
 
+def _rotating_objection(arm: Arm) -> str:
+    count = len(arm.sections[0].tendons)
+    return '' if count == 4 else f'rotating takes four tendons in section 1, this arm has {count}'
+
+
 _RAMP = np.array([0.0, MOVE_TIME, MOVE_TIME + HOLD_TIME, 2.0 * MOVE_TIME + HOLD_TIME])
 _STEP = np.array([0.0, HOLD_TIME, 2.0 * HOLD_TIME])
 
-_bends = functools.partial(functools.partial, _postures, 'renda2012_table2')
-_fetches = functools.partial(functools.partial, _postures, 'renda2012_table4')
-# The description of each for lists, and the function of an arm and of largest tensions [N], or
-# None for `default_highest`, that returns its profile; ProfileError if it is not for the arm.
-MOVEMENTS: dict[str, tuple[str, Callable[[Arm, ArrayLike | None], CommandProfile]]] = {
-    'bending': ('the three bends of Table 3, Figure 11', _bends([*BENDING.values()])),
+MOVEMENTS = {
+    'bending': _bending('the three bends of Table 3, Figure 11', *BENDING.values()),
     **{
-        f'bending_{panel.lower()}': (f'the bend of Figure 11({panel}), Table 3', _bends([bend]))
-        for panel, bend in BENDING.items()
+        f'bending_{panel.lower()}': _bending(f'the bend of Figure 11({panel}), Table 3', tensions)
+        for panel, tensions in BENDING.items()
     },
-    'fetching_in_plane': (
-        'fetching in one plane, Table 5, Figure 14',
-        _fetches([FETCHING_IN_PLANE]),
+    'fetching_in_plane': _fetching('fetching in one plane, Table 5, Figure 14', FETCHING_IN_PLANE),
+    'fetching_in_space': _fetching('fetching in space, Table 5, Figure 15', FETCHING_IN_SPACE),
+    'fetching': _fetching(
+        'fetching in one plane, then in space, Table 5', FETCHING_IN_PLANE, FETCHING_IN_SPACE
     ),
-    'fetching_in_space': ('fetching in space, Table 5, Figure 15', _fetches([FETCHING_IN_SPACE])),
-    'fetching': (
-        'fetching in one plane, then in space, Table 5',
-        _fetches([FETCHING_IN_PLANE, FETCHING_IN_SPACE]),
+    'rotating': Movement(
+        'section 1 bends, and the plane of the bend goes round', _rotating, _rotating_objection
     ),
-    'rotating': ('section 1 bends, and the plane of the bend goes round', _rotating),
-    'ramps': (
+    'ramps': Movement(
         'each tendon in turn pulled, held and let go at a steady rate',
         functools.partial(_one_by_one, _RAMP, np.array([0.0, 1.0, 1.0, 0.0]), 'linear'),
     ),
-    'steps': (
+    'steps': Movement(
         'each tendon in turn pulled and let go at once',
         functools.partial(_one_by_one, _STEP, np.array([0.0, 1.0, 0.0]), 'steps'),
     ),
-    'sweeps': (f'each tendon in turn pulled in a sine of {SWEEP[0]} to {SWEEP[1]} Hz', _sweep),
+    'sweeps': Movement(
+        f'each tendon in turn pulled in a sine of {SWEEP[0]} to {SWEEP[1]} Hz', _sweep
+    ),
 }
 
 
@@ -263,12 +288,11 @@ def read_command(
 
 def profile_names(arm: Arm) -> dict[str, str]:
     """Return names and descriptions of the movements for ``arm``."""
-    names = {}
-    for name, (description, profile) in MOVEMENTS.items():
-        with contextlib.suppress(ProfileError):
-            profile(arm, None)
-            names[name] = description
-    return names
+    return {
+        name: movement.description
+        for name, movement in MOVEMENTS.items()
+        if not movement.objection(arm)
+    }
 
 
 def find_profile(name: str, arm: Arm, highest: ArrayLike | None = None) -> CommandProfile:
@@ -285,7 +309,9 @@ def find_profile(name: str, arm: Arm, highest: ArrayLike | None = None) -> Comma
             the message has the name of the file and the line.
     """
     if name in MOVEMENTS:
-        return MOVEMENTS[name][1](arm, highest)
+        if objection := MOVEMENTS[name].objection(arm):
+            raise ProfileError(objection)
+        return MOVEMENTS[name].profile(arm, highest)
     if Path(name).suffix in ('.csv', '.yaml', '.yml'):
         if highest is not None:
             raise ProfileError(f'highest does not go with a file such as {name}')
