@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 43_890,
+    'octo_arm_model': 43_920,
     'octo_arm_model/analysis': 1_540,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_460,
@@ -28,7 +28,7 @@ MOST = {
     'octo_arm_model/reproduce': 1_030,
     'octo_arm_model/rod': 11_360,
     'octo_arm_model/ros': 4_510,
-    'octo_arm_model/simulation': 2_180,
+    'octo_arm_model/simulation': 2_210,
     'octo_arm_model/viewer': 2_070,
     'octo_arm_model/wire': 1_370,
     'test': 24_330,

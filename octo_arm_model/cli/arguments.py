@@ -170,7 +170,7 @@ def read_calibration(options: argparse.Namespace) -> dict[str, Any]:
     return {name: list(values) for name, values in options_by_name.items() if values}
 
 
-def highest(default: str, of: str = '') -> str:
+def highest_option(default: str, of: str = '') -> str:
     """Return the option of the upper limits of tensions; ``default`` describes the default."""
     text = 'one number, or rows as for solve --tensions; by default'
     return f'--highest N: largest tension [N]{of}: {text} {default}'
@@ -307,7 +307,7 @@ def read_dynamic(options: argparse.Namespace, moves: bool = False) -> float | No
     return within('--step', options.step, *STEPS, 's')
 
 
-def tensions(default: str) -> str:
+def tensions_option(default: str) -> str:
     """Return the option of tensions; its help ends with the ``default`` of other tendons."""
     text = (
         'tensions [N] by name of the tendon, e.g. tendon_1_1=0.4,tendon_1_2=1, or as JSON: by '

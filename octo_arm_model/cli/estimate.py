@@ -58,11 +58,7 @@ def _offered() -> list[Parameter]:
 
 
 def _parameter_options(of_sensors: bool) -> str:
-    """Return the options of parameters of the estimator, which describe the noise of sensors.
-
-    Or those of the others, which describe what is unknown. Their defaults come from the arm or the
-    table.
-    """
+    """Return options for parameters of the estimator: ``of_sensors``, or of what is unknown."""
     options = []
     for row in _offered():
         name = row.name.removeprefix(PREFIX)

@@ -37,7 +37,7 @@ OPTIONS = f"""\
     degrees about the base, from n towards b
 --stiffness X Y Z K float: stiffness K [N/m] of the tip against a force along X Y Z, by
     co-contraction
-{arguments.highest(_HIGHEST)}
+{arguments.highest_option(_HIGHEST)}
 {arguments.JSON}
 """
 

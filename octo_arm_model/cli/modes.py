@@ -31,7 +31,7 @@ exit status: 0 done, 1 no stable equilibrium, 2 the input is wrong
 
 OPTIONS = f"""\
 {arguments.MOVING_ARM}
-{arguments.tensions('all others, or all, are slack')}
+{arguments.tensions_option('all others, or all, are slack')}
 --count N = 6: number of modes, the slowest first
 --plot PNG path: picture of the shapes; needs matplotlib
 {arguments.JSON}: frequencies, damping ratios and shapes

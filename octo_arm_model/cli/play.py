@@ -43,7 +43,7 @@ OPTIONS = f"""\
 profile PROFILE?: movement of --list, or a CSV or YAML file
 --list: list the movements of the arm
 --config CONFIG = renda2012_table4: {arguments.ARM_FILE}
-{arguments.highest('what the arm bears', ' of rotating, ramps, steps and sweeps')}
+{arguments.highest_option('what the arm bears', ' of rotating, ramps, steps and sweeps')}
 --speed SPEED = 1.0: factor on the speed of the profile
 --loop: repeat the profile until Ctrl-C
 --rate HZ = 50.0: commands, or rows of --csv, per second

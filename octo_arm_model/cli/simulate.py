@@ -44,7 +44,7 @@ wrong or a file cannot be written, 130 interrupted
 OPTIONS = f"""\
 {arguments.MOVING_ARM}
 profile PROFILE: movement of octo-arm play --list, or a CSV or YAML file
-{arguments.highest('what the arm bears', ' of rotating, ramps, steps and sweeps')}
+{arguments.highest_option('what the arm bears', ' of rotating, ramps, steps and sweeps')}
 --step S = {STEP}: longest step of the integration [s]
 --rate HZ = 50.0: written moments per second
 --hold S = 0.0: time after the end of the profile [s]

@@ -69,7 +69,7 @@ _NAMED = 'tendon_1_1=0.02'
 
 OPTIONS = f"""\
 {arguments.ARM}
-{arguments.tensions('all others are slack')}
+{arguments.tensions_option('all others are slack')}
 --displacements LENGTHS: lengths that winches have reeled in [m], by name of the tendon, e.g.
     {_NAMED}, or as JSON; --tensions then has those of the other tendons, by name
 {arguments.JSON}

@@ -36,7 +36,7 @@ for each tendon the least tension that alone compresses the section at its ancho
     bends the arm by two turns, or is 10 percent of that which folds it"""
 OPTIONS = f"""\
 {arguments.ARM}
-{arguments.highest(_HIGHEST)}
+{arguments.highest_option(_HIGHEST)}
 --samples N = 4096: number of sets of tensions, at best a power of two
 --seed N = 0: seed of the sets of tensions
 --processes N int: number of worker processes; by default one for each core if that is faster

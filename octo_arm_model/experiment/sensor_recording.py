@@ -12,7 +12,7 @@ from octo_arm_model.arm.errors import BagError, MeasurementError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.limits import MAX_NAME
 from octo_arm_model.arm.pose import Pose
-from octo_arm_model.bags.reader import BagReader
+from octo_arm_model.bags.reader import BagReader, Record
 from octo_arm_model.bags.sensor_topics import SensorTopics, find_sensors
 from octo_arm_model.bags.topics import MIDLINE, ArmTopics, describe, sensed_by
 from octo_arm_model.config.config import Config
@@ -29,6 +29,7 @@ from octo_arm_model.experiment.bag_recording import (
     TF,
     MeasuredTopics,
     notes_on,
+    read_messages,
     read_readings,
     read_transforms,
 )
@@ -232,15 +233,14 @@ def read_measured(
         StampedMeasurement(stamp, received, Tensions(row, stddev))
         for stamp, received, row in zip(tensions.stamps, tensions.received, tensions.rows)
     ]
-    count.expect(reader.count(list(sensors.readers)))
-    for record in reader.messages(list(sensors.readers)):
-        count.add()
-        read = partial(sensors.readers[record.topic], arm=arm)
-        stamp, measurement, reason = reader.read(record, read)
-        if measurement is None:
-            refusals.count(record.topic, reason)
-        else:
-            stamped.append(StampedMeasurement(stamp.ns, record.received_ns, measurement))
+    topics = list(sensors.readers)
+    count.expect(reader.count(topics))
+
+    def read(record: Record, message: Any) -> Measurement:
+        return sensors.readers[record.topic](message, arm=arm)
+
+    for record, stamp_ns, measurement in read_messages(reader, topics, read, refusals, count):
+        stamped.append(StampedMeasurement(stamp_ns, record.received_ns, measurement))
     stamped.sort(key=lambda m: m.stamp_ns)
     return [list(group) for _, group in itertools.groupby(stamped, key=lambda m: m.stamp_ns)]
 

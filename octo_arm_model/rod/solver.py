@@ -429,7 +429,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        problem, equilibrium = self._solved(backbone)
+        problem, equilibrium = self._solution(backbone)
         return problem.tendon_lengths(equilibrium.state).reshape(self.arm.tension_shape)
 
     def contacts(self, backbone: Backbone) -> Contacts:
@@ -438,7 +438,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        problem, equilibrium = self._solved(backbone)
+        problem, equilibrium = self._solution(backbone)
         if problem.contact is None:
             return NONE
         problem.orient(equilibrium.state.z)
@@ -450,7 +450,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        problem, equilibrium = self._solved(backbone)
+        problem, equilibrium = self._solution(backbone)
         return (equilibrium.state.at_nodes.tensions * problem.tables.reach).T
 
     def displacements(self, backbone: Backbone) -> FloatArray:
@@ -461,7 +461,7 @@ class Solver:
         Raises:
             ConfigError: if ``backbone`` is that of a batch or of another solver.
         """
-        reeled = self._statics.reeled(self._equilibrium_of(backbone))
+        reeled = self._statics.displacements(self._equilibrium_of(backbone))
         return reeled.reshape(self.arm.tension_shape)
 
     @property
@@ -503,7 +503,7 @@ class Solver:
 
         They are by unloaded lengths and the stretch of these; only winding tendons have any.
         """
-        problem, equilibrium = self._solved(backbone)
+        problem, equilibrium = self._solution(backbone)
         weights, tensions = problem.elements.weights, equilibrium.state.at_nodes.tensions
         outwards = outward_paths(self.arm, problem.tables, problem.elements.s)
         rates = problem.unloaded_tendons.by_path(outwards).stretch
@@ -550,7 +550,7 @@ class Solver:
                 return equilibrium
         raise ConfigError('the backbone was solved by another solver')
 
-    def _solved(self, backbone: Backbone) -> tuple[Problem, Equilibrium]:
+    def _solution(self, backbone: Backbone) -> tuple[Problem, Equilibrium]:
         """Return the equations and the equilibrium of a single solution of this solver."""
         equilibrium = self._equilibrium_of(backbone)
         return self._statics.problem(equilibrium.level), equilibrium

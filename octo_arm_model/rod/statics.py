@@ -220,7 +220,7 @@ class Statics(abc.ABC):
         """Return the change of a solution per unit of each of ``loads``, if there may be loads."""
         raise NotImplementedError
 
-    def reeled(self, equilibrium: Equilibrium) -> FloatArray:
+    def displacements(self, equilibrium: Equilibrium) -> FloatArray:
         """Return the lengths that winches have reeled in in a solution [m], (J,)."""
         return self._winches.displacements(equilibrium)
 

@@ -281,7 +281,8 @@ def read_command(
     if topic == JOINTS:
         tensions, lengths = read_joint_commands(message, arm)
     else:
-        tensions = dict(zip(names, COMMAND_TOPICS[topic].read(message, arm).ravel().tolist()))
+        values = COMMAND_TOPICS[topic].read(message, arm).ravel().tolist()
+        tensions = dict(zip(names, values, strict=True))
     check_command(arm, [tensions.get(name, 0.0) for name in names], limits)
     return tensions, lengths
 

@@ -205,14 +205,19 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     # Numbers are checked before the rotation, which would spread a wrong one to others.
     position = rotation.apply(checked_numbers('tip pose: position', [p.x, p.y, p.z])) + origin
     sensor: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+    is_too_large = ~(np.abs(sensor) <= LARGEST**2)  # or NaN
+    if is_too_large.any():
+        i, j = np.argwhere(is_too_large)[0]
+        raise MeasurementError(
+            f'its covariance is {sensor[i, j]:g} at {i}, {j}, expected finite numbers of at most '
+            f'{LARGEST**2:g}'
+        )
     # `Measurement` checks only the sum with the errors of the model, which may be positive.
-    for is_wrong, expected in (
-        (~(np.abs(sensor) <= LARGEST**2), f'finite numbers of at most {LARGEST**2:g}'),
-        (np.diag(np.diag(sensor) < 0.0), 'a positive definite one'),
-    ):
-        for i, j in np.argwhere(is_wrong)[:1]:
-            given_at = f'{sensor[i, j]:g} at {i}, {j}'
-            raise MeasurementError(f'its covariance is {given_at}, expected {expected}')
+    if (np.diag(sensor) < 0.0).any():
+        i = int(np.diag(sensor).argmin())
+        raise MeasurementError(
+            f'its covariance is {sensor[i, i]:g} at {i}, {i}, expected a positive definite one'
+        )
     deviation = np.sqrt(np.diag(sensor))
     is_skew = np.abs(sensor - sensor.T) > _ASYMMETRY * np.outer(deviation, deviation)
     if is_skew.any():

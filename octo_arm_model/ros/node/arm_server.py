@@ -149,10 +149,10 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
         self._wrench = self._inputs.subscribe(
             WrenchStamped, 'tip_wrench', self._tip_wrench.take, is_answered=False
         )
-        # A solve that has not ended when the node stops keeps its copy of the solver to itself.
-        on_solve = partial(self._on_solve, lru_cache(maxsize=1)(copy.copy))
+        # Copies the solver once, for the thread of this service, which may outlive its activation.
+        own_solver = lru_cache(maxsize=1)(copy.copy)
         self._services = [
-            QueuedService(self._node, Solve, 'solve', on_solve),
+            QueuedService(self._node, Solve, 'solve', partial(self._on_solve, own_solver)),
             QueuedService(self._node, FindTensions, 'find_tensions', self._on_find_tensions),
         ]
 
@@ -232,13 +232,13 @@ class ArmServer(Server[Prepared, BackbonePublishers]):
 
     def _on_solve(
         self,
-        copy_of: Callable[[Solver], Solver],
+        own_solver: Callable[[Solver], Solver],
         request: Solve.Request,
         response: Solve.Response,
         pause: Callable[[], None],
     ) -> None:
         arm = self._arm  # another one may take its place meanwhile
-        solver, frame = copy_of(arm.solver), arm.config.base_frame
+        solver, frame = own_solver(arm.solver), arm.config.base_frame
         try:
             tensions = TENDON_TENSIONS.read(request.tensions, solver.arm)
             wrench = wrench_values(request.tip_wrench)
