@@ -31,7 +31,7 @@ MOST = {
     'octo_arm_model/simulation': 2_210,
     'octo_arm_model/viewer': 2_070,
     'octo_arm_model/wire': 1_370,
-    'test': 24_330,
+    'test': 24_450,
 }
 
 

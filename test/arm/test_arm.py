@@ -215,7 +215,10 @@ def test_tables_are_bounded_and_numeric():
         (lambda: Section(1.0, 0.0, math.inf), 'section.offset_anchorage is inf, expected'),
         (lambda: arm_of(), 'sections is (), expected a sequence of at least one section'),
         (lambda: Section(0.4, 0.0, 0.0, angles=(0.0, 90.0)), 'section.angles is 90.0, expected'),
-        (lambda: Config.from_parameters(DEGREES), 'tendons.angle[1] is 90.0, expected a finite'),
+        (
+            lambda: Config.from_parameters(DEGREES),
+            'tendons.angle[1] is 90.0, expected a finite angle within 2 pi of zero, in radians',
+        ),
         (lambda: arm_of((0.41, 0.0, 0.0)), 'sections[1].anchorage is 0.41, expected at most the'),
         (
             lambda: arm_of((0.2, 0.0, 0.0), (0.4, 0.0, 0.0)),
@@ -223,8 +226,16 @@ def test_tables_are_bounded_and_numeric():
             '0.2 [m]: sections are listed from the tip to the base',
         ),
         (lambda: arm_of((0.2, 0, 0), (0.2, 0, 0)), 'sections[2].anchorage is 0.2, expected les'),
-        (lambda: arm_of((0.4, 0.0, 0.0), (0.2, 0.0201, 0.0)), 'sections[2].offset_base is'),
-        (lambda: arm_of((0.2, 0.0, 0.0151)), 'sections[1].offset_anchorage is 0.0151, expected'),
+        (
+            lambda: arm_of((0.4, 0.0, 0.0), (0.2, 0.0201, 0.0)),
+            'sections[2].offset_base is 0.0201, expected at most the radius of the body at '
+            's = 0.0 m, 0.02 [m]',
+        ),
+        (
+            lambda: arm_of((0.2, 0.0, 0.0151)),
+            'sections[1].offset_anchorage is 0.0151, expected at most the radius of the body at '
+            's = 0.2 m, 0.015 [m]',
+        ),
         (lambda: named_arm('AB'), "tendon_names is ['A', 'B'], expected 4 names, one per tendon"),
         (lambda: Table((0.0,), (1.0,)), 'table.s is (0.0,), expected at least two'),
         (lambda: Table((0.1, 0.2), (1.0, 1.0)), 'table.s is (0.1, 0.2), expected at least two'),

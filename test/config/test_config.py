@@ -177,7 +177,11 @@ def test_error_of_a_missing_parameter_has_type_and_meaning(tmp_path, name):
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
-        ('stations: 101', 'solve_budget.iterations: 0', 'solve budget: iterations is 0, expected'),
+        (
+            'stations: 101',
+            'solve_budget.iterations: 0',
+            'solve budget: iterations is 0, expected a number > 0',
+        ),
         (
             'youngs_modulus:',
             'young_modulus:',
@@ -198,13 +202,21 @@ def test_error_of_a_missing_parameter_has_type_and_meaning(tmp_path, name):
         ('length: 0.45', 'length:', 'body.length has no value'),
         ('length: 0.45', '', 'body.length is missing, expected double'),
         ('length: 0.45', 'length: {m: 1}', 'body.length.m is no parameter of the arm; did you me'),
-        ('anchorage: [0.45, 0.315, 0.135]', 'anchorage: 0.45', 'sections.anchorage is 0.45,'),
+        (
+            'anchorage: [0.45, 0.315, 0.135]',
+            'anchorage: 0.45',
+            'sections.anchorage is 0.45, expected double[], as [0.45]',
+        ),
         (
             'anchorage: [0.45, 0.315, 0.135]',
             'anchorage: [0.45, here, 0.135]',
             "sections.anchorage is [0.45, 'here', 0.135], expected a list of values of one type",
         ),
-        ('    stations: 101', '    markers_rate: 1.0e-11', 'markers_rate is 1e-11, expected 0,'),
+        (
+            '    stations: 101',
+            '    markers_rate: 1.0e-11',
+            'markers_rate is 1e-11, expected 0, or at least 1e-06 [Hz]',
+        ),
     ],
 )
 def test_errors_name_value_and_expectation(tmp_path, old, new, message):
@@ -372,8 +384,14 @@ def test_invalid_strings_are_refused(name, text):
         ({'base.position': [0.0] * 999}, r'base.position is \(0.0, .*\.\.\., expected 3'),
         # Parameters that build nothing here.
         ({'body.table_radius': [0.01] * 1001}, 'body.table_radius has 1001 values, expected at m'),
-        ({'material.table_youngs_modulus': [NAN]}, r'table_youngs_modulus\[0\] is nan, expected'),
-        ({'material.table_poisson_ratio': [INF]}, r'table_poisson_ratio\[0\] is inf, expected a'),
+        (
+            {'material.table_youngs_modulus': [NAN]},
+            r'table_youngs_modulus\[0\] is nan, expected a fi',
+        ),
+        (
+            {'material.table_poisson_ratio': [INF]},
+            r'table_poisson_ratio\[0\] is inf, expected a fin',
+        ),
         ({'tendons.table_angle': [1e31]}, r'table_angle\[0\] is 1e.31, expected .* at most 1e.'),
         ({'tendons.table_offset': [0.0] * 20_001}, 'tendons.table_offset has 20001 values, expec'),
         (

@@ -326,7 +326,10 @@ def test_millimetres_are_asked_about_and_not_guessed(tmp_path, cli):
     ('options', 'message'),
     [
         (['--marker-s', '0', '0.1', '0.1', '0.2'], '--marker-s has 0.1 after 0.1, expected incr'),
-        (['--marker-s', '0', '90', '180', '270'], '--marker-s has 90, expected arc coordinates'),
+        (
+            ['--marker-s', '0', '90', '180', '270'],
+            '--marker-s has 90, expected arc coordinates from 0 to 0.27 m: in metres?',
+        ),
         (['--marker-s', '0', '0.27'], 'it has 4 point(s), expected 2, one for each of --marker-s'),
         (['--marker-s', 'nan'], '--marker-s has nan'),
         (['--marker-s', *map(str, np.linspace(0.0, 0.27, 1001))], 'at most 1000'),
@@ -443,7 +446,11 @@ TRACK = 'time,x,y,z\n0,0,0,0\n'
         (LOADS, '', 'track.csv: no row'),
         (b'\xff\xfe', TRACK, 'loads.csv'),
         ('0,1,0,0,0\n1,1,0,0,0\n', TRACK, 'no column time; it has #1, #2, #3, #4, #5; say --col'),
-        ('Trial,1\n\ntime,tendon_1_1,b\n0,1,2\n', TRACK, 'line 4: 3 values, expected 2 as in the'),
+        (
+            'Trial,1\n\ntime,tendon_1_1,b\n0,1,2\n',
+            TRACK,
+            'line 4: 3 values, expected 2 as in the header; expected lines of headers, or none',
+        ),
         ('Trial,1\ntime,tendon_1_1\n0,1\n', TRACK, 'it has Trial time, 1 tendon_1_1'),
         ('Trial\n', TRACK, 'no row of numbers, expected some below a header'),
         (LOADS + 'End\n', TRACK, 'line 3: 1 values, expected 5 as in the header; expected lines'),

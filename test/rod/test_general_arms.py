@@ -334,7 +334,7 @@ OF_PLAIN, OF_TUBE = partial(dataclasses.replace, PLAIN), partial(dataclasses.rep
         (HELICAL, 'section 2, whose tendons are not straight along n, b, -n, -b'),
         (
             OF_PLAIN(body=ProfiledBody(0.3, Linear(0.012, 0.006, 0.3))),
-            'a body whose radius is not',
+            'a body whose radius is not linear in s',
         ),
         (
             OF_PLAIN(material=Material(Table((0.0, 0.3), (1e5, 2e5)))),
@@ -375,15 +375,27 @@ def routed(offset):
         (lambda: OF_PLAIN(sections=()), 'sections is ()'),
         (lambda: OF_PLAIN(body=ProfiledBody(0.3, Linear(1, -0.1, 0.3))), 'body.radius at s = '),
         (lambda: ProfiledBody(0.3, Table((0.0, 0.2), (0.01, 0.01))), 'last s of body.profile is'),
-        (lambda: OF_PLAIN(material=Material(Constant(0.0))), 'material.youngs_modulus at s = 0 m'),
-        (lambda: OF_PLAIN(material=Material(1e5, Constant(0.6))), 'material.poisson_ratio at s ='),
+        (
+            lambda: OF_PLAIN(material=Material(Constant(0.0))),
+            'material.youngs_modulus at s = 0 m is 0.0, expected a finite number > 0 [Pa]',
+        ),
+        (
+            lambda: OF_PLAIN(material=Material(1e5, Constant(0.6))),
+            'material.poisson_ratio at s = 0 m is 0.6, expected a finite number in (-1, 0.5]',
+        ),
         (lambda: Material.from_moduli(3e5, 5e4), 'material.shear_modulus is 50000.0'),
         (lambda: Section(0.3, 0.0, 0.0, angles=()), 'section.angles is (), expected at least one'),
         (lambda: Section(0.3, 0.0, 0.0, twist=(1.0,)), 'section.twist is (1.0,), expected 4'),
         (lambda: Section(0.3, 0.0, 0.0, angles=(math.nan,)), 'section.angles is nan, expected'),
         (lambda: RoutedSection(0.3, ()), 'section.tendons is (), expected at least one tendon'),
-        (lambda: routed(Table((0.0, 0.2), (0.0, 0.0))), 'last s of section.tendons[1].offset is'),
-        (lambda: OF_PLAIN(sections=(routed(Constant(0.007)),)), 'sections[1].tendons[1].offset i'),
+        (
+            lambda: routed(Table((0.0, 0.2), (0.0, 0.0))),
+            'last s of section.tendons[1].offset is 0.2, expected at least 0.3 [m]',
+        ),
+        (
+            lambda: OF_PLAIN(sections=(routed(Constant(0.007)),)),
+            'sections[1].tendons[1].offset is 0.007, expected at most the radius of the bod',
+        ),
         (
             lambda: Arm(SOFT, Body(0.3, 0.01, 0.01, 0.02), (Section(0.3, 0.021, 0.0),)),
             'sections[1].offset_base is 0.021, expected at most the radius of the discs',
@@ -393,13 +405,19 @@ def routed(offset):
             'body.inner_radius at s = 0.0804688 m is 0.0008, expected less than the radius',
         ),
         (lambda: RectangularBody(LENGTH, 0.0, 1e-3), 'body.width is 0.0, expected a finite num'),
-        (lambda: OF_TUBE(body=RectangularBody(LENGTH, 0.1, 0.01)), 'sections[1].tendons[2].offse'),
+        (
+            lambda: OF_TUBE(body=RectangularBody(LENGTH, 0.1, 0.01)),
+            'sections[1].tendons[2].offset is 0.008, expected such that the tendon is within the',
+        ),
         (lambda: GivenStiffness(axial=-1.0), 'stiffness.axial is -1.0, expected a finite stiffn'),
         (
             lambda: OF_TUBE(stiffness=GivenStiffness(bending_n=Linear(1, -1, 0.2))),
             'stiffness.bending_n at s = 0.1 m is 0.0, expected a finite number > 0',
         ),
-        (lambda: OF_TUBE(rest=RestShape(curvature_n=130.0)), 'rest_curvature at s = 0 m is 130.0'),
+        (
+            lambda: OF_TUBE(rest=RestShape(curvature_n=130.0)),
+            'rest_curvature at s = 0 m is 130.0, expected less than 1 over the distance of what',
+        ),
         (lambda: RestShape(torsion=math.nan), 'rest_torsion is nan, expected a finite number'),
         (
             lambda: Dynamics(Solver(STRIP, 'exact'), MotionProperties(normal_drag=1.0)),

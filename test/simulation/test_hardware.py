@@ -194,7 +194,10 @@ def test_a_number_outside_its_range_is_refused_by_name(parameter):
         ({'elbow': 1.0}, 'elbow is no parameter of the simulator or the arm; known are rate'),
         ({'winches.lag': 'long'}, "winches.lag is 'long', expected double"),
         ({'profile.loop': 1}, 'profile.loop is 1, expected bool'),
-        ({'dynamics': True, 'material.density': 1080.0, 'rate': 0.5}, 'rate is 0.5, expected a'),
+        (
+            {'dynamics': True, 'material.density': 1080.0, 'rate': 0.5},
+            'rate is 0.5, expected a finite number within [1, 1000] [Hz]',
+        ),
     ],
 )
 def test_parameters_that_cannot_be_are_refused_by_name(values, complaint):

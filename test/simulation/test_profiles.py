@@ -161,7 +161,11 @@ HEADER = 'time,tendon_1_1,tendon_1_2,tendon_1_3,tendon_1_4\n'
         ('.csv', HEADER + '0,0,0,0,0\n1,0,nan,0,0\n', ": line 3: tendon_1_2 is 'nan', expected a"),
         ('.csv', HEADER + '0,0,0,0,0\n1,0,-2,0,0\n', ": line 3: tendon_1_2 is '-2', expected a"),
         ('.csv', HEADER + '0,0,0,0,0\n\n0,0,0,0,0\n', ': line 4: time is 0.0, expected more'),
-        ('.csv', HEADER + 'inf,0,0,0,0\n1,0,0,0,0\n', ": line 2: time is 'inf', expected a"),
+        (
+            '.csv',
+            HEADER + 'inf,0,0,0,0\n1,0,0,0,0\n',
+            ": line 2: time is 'inf', expected a finite",
+        ),
         ('.csv', HEADER + '0,0,0,0,0\n1,0,0,0\n', ': line 3: 4 values, expected 5 as in the'),
         ('.csv', HEADER + '0,0,0,0,0\n1,,0,0,0\n', ": line 3: tendon_1_1 is '', expected a"),
         ('.csv', HEADER + '0,0,0,0,0\n', ': 1 row(s), expected at least two'),

@@ -219,7 +219,11 @@ def test_a_spare_connection_of_a_browser_is_no_refusal(server, caplog):
     [
         (viewer, ('--port', '99999'), 'port is 99999, expected 1 to 65535'),
         (octopus, ('--port', '99999'), 'port is 99999, expected 1 to 65535'),
-        (viewer, ('--allow-origin', 'arm.lab'), "origin is 'arm.lab', expected one such as"),
+        (
+            viewer,
+            ('--allow-origin', 'arm.lab'),
+            "origin is 'arm.lab', expected one such as http://arm.lab:8080",
+        ),
         *(
             (viewer, ('--namespace', name), f'namespace is {name!r}, expected one such as arm_3')
             for name in ('a b', 'arm_3/', '3')

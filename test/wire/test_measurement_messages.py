@@ -211,10 +211,26 @@ INDEFINITE = np.ones((6, 6)) + np.eye(6) - 2.0 * (np.eye(6, k=1) + np.eye(6, k=-
         (tip_pose(turned=np.zeros(4)), {}, 'expected length 1'),
         (tip_pose(turned=(0, 0, 0, 1e-320)), {}, 'expected length 1'),
         (tip_pose(turned=(1e200, 0, 0, 1)), {}, 'expected'),
-        (tip_pose(covariance=-np.eye(6)), {}, 'its covariance is -1 at 0, 0, expected a positive'),
-        (tip_pose(covariance=np.diag([1.0, 1, 0, 1, 1, 1])), {}, 'tip pose: the variance of'),
-        (tip_pose(covariance=INDEFINITE), {}, 'tip pose: some combination of its 6 numbers has a'),
-        (tip_pose(covariance=np.eye(6) + 0.5 * np.eye(6, k=1)), {}, 'covariance is 0.5 at 0, 1'),
+        (
+            tip_pose(covariance=-np.eye(6)),
+            {},
+            'its covariance is -1 at 0, 0, expected a positive definite one$',
+        ),
+        (
+            tip_pose(covariance=np.diag([1.0, 1, 0, 1, 1, 1])),
+            {},
+            'tip pose: the variance of number 3 of 6 is 0, expected a positive definite covar',
+        ),
+        (
+            tip_pose(covariance=INDEFINITE),
+            {},
+            'tip pose: some combination of its 6 numbers has a variance of -',
+        ),
+        (
+            tip_pose(covariance=np.eye(6) + 0.5 * np.eye(6, k=1)),
+            {},
+            'covariance is 0.5 at 0, 1 and 0 at 1, 0, expected a symmetric one',
+        ),
         *(
             (tip_pose(covariance=tiny * np.eye(6), frame='camera'), {}, 'tip pose: noise has a st')
             for tiny in (1e-300, 5e-324)

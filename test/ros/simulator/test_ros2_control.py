@@ -144,15 +144,23 @@ REFUSED = {
     'of both': (
         NAMES,
         {'position': [0.0] * 4, 'effort': [0.1] * 4},
-        'of position and effort, exp',
+        'a command of position and effort, expected either effort [N] or position [m]',
     ),
     'by velocity': (NAMES, {'velocity': [0.0] * 4}, 'a command of velocity, expected either'),
     'of nothing': (NAMES, {}, 'a command of nothing, expected either'),
     'short effort': (NAMES, {'effort': [0.1] * 3}, 'name has 4 entries but effort has 3'),
     'short position': (NAMES, {'position': [0.0]}, 'name has 4 entries but position has 1'),
-    'no position': (NAMES, {'position': [float('nan')] * 4}, 'displacement of tendon_1_1 is nan'),
+    'no position': (
+        NAMES,
+        {'position': [float('nan')] * 4},
+        'displacement of tendon_1_1 is nan m',
+    ),
     'an unknown position': (['elbow'], {'position': [0.1]}, 'unknown tendon elbow'),
-    'too long': (NAMES[:1], {'position': [2.0]}, 'tendon_1_1 is 2 m, expected less than there is'),
+    'too long': (
+        NAMES[:1],
+        {'position': [2.0]},
+        'displacement of tendon_1_1 is 2 m, expected less than there is',
+    ),
 }
 
 
