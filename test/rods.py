@@ -1,9 +1,8 @@
-"""Arms, loads and node values for the tests of the rod."""
+"""Arms and loads for the tests of the rod."""
 
 import dataclasses
 import math
 from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,22 +14,13 @@ from octo_arm_model import (
     Body,
     DistributedLoad,
     Dynamics,
-    GivenStiffness,
-    Linear,
     Loads,
     Material,
     MotionState,
     PointLoad,
-    ProfiledBody,
-    RectangularBody,
-    RestShape,
     Section,
-    Table,
 )
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.material import LINEAR
-from octo_arm_model.rod import arrays
-from octo_arm_model.rod.rod import Rod, Setting
 
 # A cone with two sections of helical tendons that converge towards the tip.
 RUBBER = Material(1.1e5, 0.45, 1080.0)
@@ -69,34 +59,7 @@ UNIFORM = Arm(
     (Section(0.45, 0.006, 0.006, angles=(0.0, math.pi)),),
 )
 WRENCH = np.array([0.01, 0.02, -0.01, 1e-4, -2e-4, 1e-4])
-TENSIONS = PULL.ravel()
 SHEATHED = dataclasses.replace(HELICAL, sheath_stiffness=(3e5, 0.0, 1e6, 4e5, 5e5, 6e5))
-# A tapered strip, bent and twisted at rest, with tendons outside it.
-STRIP = RectangularBody(HELICAL.length, Linear(0.02, 0.01, HELICAL.length), 0.006, 0.02)
-BENT = RestShape(
-    Table((0.0, 0.2, HELICAL.length), (4.0, -6.0, 2.0)), 5.0, Linear(-3.0, 2.0, HELICAL.length)
-)
-CURVED = dataclasses.replace(SHEATHED, body=STRIP, rest=BENT)
-GIVEN = GivenStiffness(bending_b=Linear(4e-3, 1e-3, HELICAL.length), torsion=5e-4)
-TUBE = ProfiledBody(HELICAL.length, Linear(0.02, 0.01, HELICAL.length), 0.02, 0.006)
-CASES: dict[str, tuple[Arm, Setting]] = {
-    'linear': (HELICAL, Setting(law=LINEAR)),
-    'neo_hookean': (HELICAL, Setting()),
-    'shear': (HELICAL, Setting(law=LINEAR, shear=True)),
-    'linear in sheaths': (SHEATHED, Setting(law=LINEAR)),
-    'neo_hookean in sheaths': (SHEATHED, Setting()),
-    'shear in sheaths': (SHEATHED, Setting(law=LINEAR, shear=True)),
-    'linear bent strip': (dataclasses.replace(CURVED, stiffness=GIVEN), Setting(law=LINEAR)),
-    'neo_hookean bent strip': (CURVED, Setting()),
-    'shear bent strip': (CURVED, Setting(law=LINEAR, shear=True)),
-    'neo_hookean tube': (dataclasses.replace(HELICAL, body=TUBE, stiffness=GIVEN), Setting()),
-}
-
-
-def rod_of(name: str, loads: Loads = EVERYTHING, compiled: bool = False) -> Rod:
-    """Return the rod of a case of `CASES`."""
-    arm, setting = CASES[name]
-    return Rod(arm, loads, setting=setting._replace(compiled=compiled))
 
 
 def mapped(loads: Loads, change: Callable[[FloatArray], FloatArray]) -> Loads:
@@ -120,33 +83,11 @@ def scaled(loads: Loads, factor: float) -> Loads:
     return mapped(loads, lambda vector: factor * vector)
 
 
-def twists_at(s: FloatArray, strains: int) -> FloatArray:
-    """Return smooth twists (n, strains) that are not in equilibrium."""
-    z = np.zeros((s.size, strains))
-    z[:, 0] = 2.0 * np.sin(6.0 * s)
-    z[:, 1] = 3.0 - 8.0 * s
-    z[:, 2] = -4.0 + np.cos(9.0 * s)
-    z[:, 3] = 0.9 + 0.1 * np.sin(4.0 * s)
-    if strains == 6:
-        z[:, 4], z[:, 5] = 0.03 * np.cos(5.0 * s), -0.02 + 0.1 * s
-    return z
-
-
 def tendon_points(arm: Arm, shape: Backbone) -> FloatArray:
     """Return the positions of the tendons at every station, (tendons, stations, 3) [m]."""
     axes = Rotation.from_quat(shape.quaternion).as_matrix()
     offsets = np.einsum('sxa,ajs->jsx', axes[..., 1:], arm.tendon_offsets(shape.s))
     return np.asarray(shape.position + offsets)
-
-
-def forms() -> list[ModuleType]:
-    """Return the modules of node functions that can be imported."""
-    modules: list[ModuleType] = [arrays]
-    try:
-        from octo_arm_model.rod import loops
-    except ModuleNotFoundError:
-        return modules
-    return [*modules, loops]
 
 
 def energy(dynamics: Dynamics, state: MotionState) -> float:

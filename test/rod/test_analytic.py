@@ -29,8 +29,6 @@ from octo_arm_model import (
     Tendon,
 )
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.arm.material import LINEAR
-from octo_arm_model.rod.rod import Setting
 from octo_arm_model.rod.sensitivity import Change, Sensitivity, Uncertainty
 
 LOADS = Loads(
@@ -47,7 +45,8 @@ class Case(NamedTuple):
     """An arm with tensions and loads."""
 
     arm: Arm
-    setting: Setting
+    law: str = 'neo_hookean'
+    shear: bool = False
     tensions: FloatArray = PULL
     loads: Loads = LOADS
 
@@ -58,6 +57,7 @@ class Case(NamedTuple):
         offset: ArrayLike = (0.0,) * 8,
         friction: ArrayLike = 0.0,
         sheath: ArrayLike = 0.0,
+        compiled: bool | None = None,
     ) -> Solver:
         """Return a solver after changes of E, nu, and the tendons' offsets, friction, sheaths."""
         arm, scale, shifts = self.arm, 1.0 + np.ravel(young).item(), iter(np.ravel(offset))
@@ -90,12 +90,11 @@ class Case(NamedTuple):
             if arm.sheath_stiffness
             else (),
         )
-        law = 'linear' if self.setting.law == LINEAR else 'neo_hookean'
-        options = {'material': law, 'shear': self.setting.shear, 'loads': self.loads}
-        return Solver(changed, 'exact', 41, **options)
+        options = {'material': self.law, 'shear': self.shear, 'loads': self.loads}
+        return Solver(changed, 'exact', 41, **options, compiled=compiled)
 
 
-RUBBER, SHEAR = Setting(), Setting(law=LINEAR, shear=True)
+SHEAR = {'law': 'linear', 'shear': True}
 BENT_STRIP = dataclasses.replace(
     SHEATHED,
     body=RectangularBody(0.4, 0.024, Linear(0.022, 0.016, 0.4)),
@@ -109,24 +108,24 @@ BENT_TUBE = dataclasses.replace(
 )
 ROD = Case(
     METAL,
-    Setting(law=LINEAR),
-    np.array([[3.0, 0.0, 1.0], [0.0, 4.0, 0.5]]),
-    Loads(tip_force=(0.0, 0.05, 0.1)),
+    'linear',
+    tensions=np.array([[3.0, 0.0, 1.0], [0.0, 4.0, 0.5]]),
+    loads=Loads(tip_force=(0.0, 0.05, 0.1)),
 )
 THICK = dataclasses.replace(
     METAL, discs=Discs.evenly(5, 0.4, 0.005), rest=RestShape(2.0, -1.0, 1.0)
 )
 CASES = {
-    'unloaded': Case(HELICAL, RUBBER, loads=Loads()),
-    'unloaded with shear': Case(HELICAL, SHEAR, loads=Loads()),
-    'loaded': Case(HELICAL, RUBBER),
-    'loaded with shear': Case(HELICAL, SHEAR),
+    'unloaded': Case(HELICAL, loads=Loads()),
+    'unloaded with shear': Case(HELICAL, **SHEAR, loads=Loads()),
+    'loaded': Case(HELICAL),
+    'loaded with shear': Case(HELICAL, **SHEAR),
     'metal': ROD,
-    'in sheaths': Case(SHEATHED, RUBBER),
-    'bent strip': Case(BENT_STRIP, RUBBER),
-    'bent tube with shear': Case(BENT_TUBE, SHEAR),
-    'between discs': Case(dataclasses.replace(HELICAL, discs=Discs.evenly(16, 0.4)), RUBBER),
-    'between thick discs': ROD._replace(arm=THICK, setting=SHEAR),
+    'in sheaths': Case(SHEATHED),
+    'bent strip': Case(BENT_STRIP),
+    'bent tube with shear': Case(BENT_TUBE, **SHEAR),
+    'between discs': Case(dataclasses.replace(HELICAL, discs=Discs.evenly(16, 0.4))),
+    'between thick discs': ROD._replace(arm=THICK, shear=True),
 }
 # With friction the equations do not derive from an energy.
 SMOOTH = tuple(np.random.default_rng(3).uniform(0.05, 0.4, 6).tolist())
@@ -289,3 +288,18 @@ def test_tip_covariance_is_the_sum_over_all_inputs(solved):
         assert_allclose(
             actual * unit * unit.T, expected, rtol=0, atol=1e-7 * np.abs(expected).max()
         )
+
+
+def test_arrays_give_the_shape_and_derivatives_of_compiled_loops(solved):
+    pytest.importorskip('numba')
+    solver = solved.case.solver(compiled=False)
+    shape = solver.solve(solved.case.tensions)
+    for name in ('position', 'quaternion', 'tau', 'xi', 'k', 'q', 'tendon_tensions'):
+        found, expected = getattr(shape, name), getattr(solved.backbone, name)
+        scale = max(1.0, np.abs(expected).max())
+        assert_allclose(found, expected, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+    expected = moves_of(solved.case, solved.sensitivity)
+    for name, (change, _) in moves_of(solved.case, solver.sensitivity(shape)).items():
+        other = outcome_of(expected[name][0])
+        atol = 1e-9 * np.abs(other).max()
+        assert_allclose(outcome_of(change), other, rtol=0.0, atol=atol, err_msg=name)

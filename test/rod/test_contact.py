@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 from differences import jacobian
-from rods import CASES, EVERYTHING, TENSIONS, WRENCH, energy, twists_at
 from rods import UNIFORM as ROD
+from rods import energy
 
 from octo_arm_model import (
     Arm,
@@ -34,8 +34,6 @@ from octo_arm_model.arm.limits import Budget
 from octo_arm_model.arm.obstacles import Obstacle
 from octo_arm_model.rod.contact import Contact, NodeMotion
 from octo_arm_model.rod.elements import build_elements
-from octo_arm_model.rod.equilibrium import Condition
-from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.rotations import rotation_matrices
 
 RADIUS, LENGTH = 0.01, 0.45
@@ -106,51 +104,30 @@ def test_arm_around_a_post_has_the_curvature_of_the_post():
     assert contacts.force[0] == pytest.approx([force, -force, 0.0], rel=0.01)
 
 
-# All of an arm of 0.3 m is inside each obstacle, so that no contact begins or ends.
-AROUND = (
-    Plane((0.1, 0.0, 0.4), (0.2, -0.1, 1.0), stiffness=4e3),
-    Sphere((0.2, 0.3, -0.1), 0.9, stiffness=2e3),
-    Cylinder((0.1, -0.2, 0.3), (0.5, 1.0, -0.3), 0.8, stiffness=3e3),
-)
-
-
-@pytest.mark.parametrize('name', CASES)
-def test_jacobian_with_contact_equals_finite_differences(name):
-    arm, setting = CASES[name]
-    around = () if 'strip' in name else AROUND  # rectangular bodies have no contact
-    rod = Rod(arm, dataclasses.replace(EVERYTHING, obstacles=around), setting=setting)
-    problem = rod.problem(0)
-    at_nodes, s = problem.at_nodes(Condition(TENSIONS, WRENCH, 0.7)), problem.elements.s
-    z = twists_at(s, problem.strains)
-    change = np.cos(7.0 * s)[:, np.newaxis] * np.ones_like(z)
-    change[:, 3:] *= 0.1
-    problem.fill_jacobian(problem.evaluate(at_nodes, z))
-    assert not around or problem.contact.report(problem.places()).penetration.min() > 0.1
-    product = (problem.work.jacobian @ change.ravel()).reshape(z.shape)
-    expected = jacobian(
-        lambda part: problem.evaluate(at_nodes, z + part[0] * change).imbalance, np.zeros(1), 1e-4
-    )[..., 0]
-    assert np.abs(product - expected).max(axis=0) == pytest.approx(
-        0.0, abs=3e-6 * np.abs(expected).max()
-    )
-
-
-LEANING = solver_of(
-    floor(0.02, 2e6),
-    Sphere((0.3, 0.13, -0.015), 0.04, stiffness=2e6),
-    loads=Loads(gravity=(0.0, 0.1, -0.6)),
-    stations=5,
-)
 PULL = np.array([[0.05, 0.02]])
 
 
-def test_sensitivities_with_contact_equal_finite_differences():
+@pytest.mark.parametrize(
+    ('obstacle', 'law', 'shear'),
+    [
+        (Sphere((0.3, 0.13, -0.015), 0.04, stiffness=2e6), 'linear', False),
+        (Cylinder((0.3, 0.13, 0.0), (0.3, 0.1, 1.0), 0.04, stiffness=2e6), 'linear', True),
+        (Cylinder((0.3, 0.13, 0.0), (0.3, 0.1, 1.0), 0.04, stiffness=2e6), 'neo_hookean', False),
+    ],
+    ids=['sphere', 'shear', 'rubber'],
+)
+def test_sensitivities_with_contact_equal_finite_differences(obstacle, law, shear):
+    loads = Loads(gravity=(0.0, 0.1, -0.6), obstacles=(floor(0.02, 2e6), obstacle))
+    options = {'material': law, 'shear': shear, 'loads': loads, 'accuracy': 1e-5}
+    leaning = Solver(ROD, 'exact', 5, **options)
+
     def position(change: np.ndarray) -> np.ndarray:
         wrench = [*change[2:], 0.0, 0.0, 0.0]
-        return LEANING.solve(PULL + change[:2], tip_wrench=wrench, start=shape).position
+        return leaning.solve(PULL + change[:2], tip_wrench=wrench, start=shape).position
 
-    shape = LEANING.solve(PULL)
-    by = LEANING.sensitivity(shape)
+    shape = leaning.solve(PULL)
+    assert np.abs(leaning.contacts(shape).force).max(axis=1).min() > 1e-3
+    by = leaning.sensitivity(shape)
     expected = jacobian(position, np.zeros(5), np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-5]))
     analytic = np.concatenate([by.by_tension.pose, by.by_tip_wrench.pose[..., :3]], axis=-1)[:, :3]
     assert analytic == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.abs(expected).max())
@@ -250,6 +227,14 @@ def test_soft_arm_that_tensions_press_against_a_wall_is_found(table4):
 
 
 # Motion ------------------------------------------------------------------------------------------
+
+
+# All of an arm of 0.3 m is inside each obstacle, so that no contact begins or ends.
+AROUND = (
+    Plane((0.1, 0.0, 0.4), (0.2, -0.1, 1.0), stiffness=4e3),
+    Sphere((0.2, 0.3, -0.1), 0.9, stiffness=2e3),
+    Cylinder((0.1, -0.2, 0.3), (0.5, 1.0, -0.3), 0.8, stiffness=3e3),
+)
 
 
 def test_derivatives_of_contact_friction_equal_finite_differences():

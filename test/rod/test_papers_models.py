@@ -1,5 +1,10 @@
 """The paper's models: an independent solution, properties and derivatives."""
 
+import dataclasses
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import reference
@@ -160,3 +165,39 @@ def test_model_error_is_added_to_the_covariance(table4, papers_model):
     added = solver.tip_covariance(backbone, uncertainty) - without
     position, rotation = (0.014 * table4.arm.length) ** 2, (2.0 * 0.014) ** 2
     assert_allclose(added, np.diag(3 * [position] + 3 * [rotation]), atol=1e-12)
+
+
+# Both forms of the node functions ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('model', 'friction'), [('renda2012', ()), ('closed_form', ()), ('closed_form', (0.3,))]
+)
+def test_arrays_give_the_shape_of_compiled_loops(table4, model, friction):
+    pytest.importorskip('numba')
+    arm = dataclasses.replace(table4.arm, friction=friction)
+    shapes = [
+        Solver(arm, model, 31, compiled=compiled).solve(0.5 * np.array(FETCHING_IN_SPACE))
+        for compiled in (True, False)
+    ]
+    for name in ('position', 'quaternion', 'k', 'q', 'tendon_tensions'):
+        first, second = (getattr(shape, name) for shape in shapes)
+        scale = max(1.0, np.abs(first).max())
+        assert_allclose(second, first, rtol=0.0, atol=1e-12 * scale, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ('variable', 'inside'), [('NUMBA_CACHE_DIR', ''), ('XDG_CACHE_HOME', 'numba')]
+)
+def test_machine_code_older_than_its_sources_is_deleted(tmp_path, variable, inside):
+    pytest.importorskip('numba')
+    folder = tmp_path / inside / 'rod_of_this_place'
+    folder.mkdir(parents=True)
+    for name, when in (('stale', 1e9), ('fresh', 4e9)):
+        file = folder / f'{name}.nbi'
+        file.touch()
+        os.utime(file, (when, when))
+    environment = os.environ | {variable: str(tmp_path)}
+    command = [sys.executable, '-c', 'import octo_arm_model.rod.compiled']
+    subprocess.run(command, env=environment, check=True)
+    assert [file.stem for file in folder.glob('*.nbi')] == ['fresh']
