@@ -52,10 +52,10 @@ def one_tendon(tension: float) -> np.ndarray:
 PULLS = tuple(one_tendon(tension) for tension in STEPS[::2])
 
 
-def circle(radius: float = 0.1, angle: float = 2.0, count: int = 41) -> np.ndarray:
-    """Return points of an arc in the plane z = 0, which starts at the origin along x [m]."""
+def circle(angle: float = 2.0, count: int = 41) -> np.ndarray:
+    """Return points of an arc of 0.1 m in the plane z = 0, from the origin along x [m]."""
     angles = np.linspace(0.0, angle, count)
-    return radius * np.stack([np.sin(angles), 1.0 - np.cos(angles), 0.0 * angles], axis=1)
+    return 0.1 * np.stack([np.sin(angles), 1.0 - np.cos(angles), 0.0 * angles], axis=1)
 
 
 def midline(model: str, pulled: np.ndarray, count: int = 61, **changes: Any) -> np.ndarray:
@@ -104,14 +104,6 @@ def measured(
     return shapes(lines, pulls, rng, noise, frames=8)
 
 
-def with_encoders(
-    step: MeasuredShape, lengths: np.ndarray, is_driven: bool = False
-) -> MeasuredShape:
-    """Return a ``step`` with ``lengths`` (tendons,) [m] as readings of encoders."""
-    window = dataclasses.replace(step.window, displacements=lengths, is_driven=is_driven)
-    return dataclasses.replace(step, window=window)
-
-
 def tips(steps: list[MeasuredShape]) -> list[MeasuredShape]:
     """Return ``steps`` with only the tips as measured points."""
     return [dataclasses.replace(step, points=step.points[-1:]) for step in steps]
@@ -131,7 +123,6 @@ def recording(
     model: str = 'closed_form',
     ahead: float = 0.0,
     held: Sequence[float] = HELD,
-    camera: Alignment = FAR,
     rate: float = 10.0,
     **changes: Any,
 ) -> Recording:
@@ -144,7 +135,7 @@ def recording(
         tension: midline(model, one_tendon(tension), 31, **changes)
         for tension in np.unique(np.interp(times, time, pulled))
     }
-    frames = [camera.to_camera(lines[tension]) for tension in np.interp(times, time, pulled)]
+    frames = [FAR.to_camera(lines[tension]) for tension in np.interp(times, time, pulled)]
     return Recording(PARAMETERS, time, tensions, times + ahead, tuple(frames), 'camera')
 
 
@@ -158,34 +149,27 @@ def path_sample(
     return message(topic, 'nav_msgs/msg/Path', stamp_ns, header=header_, poses=poses)
 
 
-def pose_sample(
-    point: np.ndarray, stamp_ns: int, topic: str = '/tracker/tip', frame: str = 'arm_base'
-) -> Sample:
+def pose_sample(point: np.ndarray, stamp_ns: int) -> Sample:
     """Return a geometry_msgs/PoseStamped."""
-    header_ = header(stamp_ns, frame)
-    return message(
-        topic, 'geometry_msgs/msg/PoseStamped', stamp_ns, header=header_, pose=pose(point)
-    )
+    kind, header_ = 'geometry_msgs/msg/PoseStamped', header(stamp_ns, 'arm_base')
+    return message('/tracker/tip', kind, stamp_ns, header=header_, pose=pose(point))
 
 
 def nanoseconds(time: float) -> int:
     return START + round(time * 1e9)
 
 
+def tension_sample(row: Any, stamp_ns: int) -> Sample:
+    """Return a message with the tension of the first tendon, or of all."""
+    kind = 'octo_arm_msgs/msg/TendonTensions'
+    tensions = row if np.ndim(row) else one_tendon(row)
+    data = tensions_data(kind, ARM.tendon_names, tensions, stamp_ns)
+    return Sample('/tendon_tensions', kind, stamp_ns, data)
+
+
 def tension_samples(time: np.ndarray, pulled: Sequence[Any]) -> list[Sample]:
     """Return messages with the tension of the first tendon, or of all."""
-    kind = 'octo_arm_msgs/msg/TendonTensions'
-    return [
-        Sample(
-            '/tendon_tensions',
-            kind,
-            nanoseconds(at),
-            tensions_data(
-                kind, ARM.tendon_names, row if np.ndim(row) else one_tendon(row), nanoseconds(at)
-            ),
-        )
-        for at, row in zip(time, pulled)
-    ]
+    return [tension_sample(row, nanoseconds(at)) for at, row in zip(time, pulled)]
 
 
 def description(**changes: Any) -> Sample:
@@ -333,13 +317,19 @@ def staircase_of(held: Sequence[float] = TENSIONS) -> tuple[np.ndarray, np.ndarr
 def marker_bag(
     path: Path,
     see: Callable[[np.ndarray, int], list[Sample]] = pose_array,
-    s: Sequence[float] = MARKER_S,
     change: Callable[[np.ndarray, int], np.ndarray] = lambda points, number: points,
     held: Sequence[float] = TENSIONS,
+    read: Callable[[float, int], Sample] = tension_sample,
+    **parameters: Any,
 ) -> Path:
-    """Write a bag of held tensions and points at ``s``; ``change`` gets the frame's number."""
+    """Write a bag of held tensions and points at `MARKER_S`.
+
+    ``see`` and ``read`` return the messages of points and of a tension [N] for a stamp [ns];
+    ``change`` gets the frame's number.
+    """
     time, pulled, times = staircase_of(held)
-    samples = [description(model='exact'), *tension_samples(time, pulled)]
+    samples = [description(model='exact', **parameters)]
+    samples += [read(pull, nanoseconds(at)) for at, pull in zip(time, pulled.tolist())]
     for number, (at, tension) in enumerate(zip(times, np.interp(times, time, pulled))):
-        samples += see(change(seen(float(tension), s), number), nanoseconds(at))
+        samples += see(change(seen(float(tension), MARKER_S), number), nanoseconds(at))
     return bag_of(path, samples)

@@ -1,7 +1,6 @@
 """Write bags for tests with rosbags, and read them with the package."""
 
 import hashlib
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,8 +27,6 @@ TYPES = known_types()
 CONFIG = load_config('renda2012_table4')
 ARM = CONFIG.arm
 NAMES = ARM.tendon_names
-# Fixtures of pytest do not last for all examples of Hypothesis.
-_FOLDER = tempfile.TemporaryDirectory()
 
 
 class Sample(NamedTuple):
@@ -138,14 +135,10 @@ def text_sample(topic: str, text: str, received_ns: int = START) -> Sample:
 
 
 def write_bag(
-    path: Path,
-    content: Iterable[Sample],
-    storage: str = 'mcap',
-    version: int = 9,
-    silent: Mapping[str, str] = {},
+    path: Path, content: Iterable[Sample], storage: str = 'mcap', silent: Mapping[str, str] = {}
 ) -> Path:
     """Write a bag; ``silent`` has the types of further topics without messages."""
-    with Writer(path, version=version, storage_plugin=StoragePlugin[storage.upper()]) as writer:
+    with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
         topics: dict[str, Any] = {}
         for topic, type_name in silent.items():
             writer.add_connection(topic, type_name, typestore=TYPES)
@@ -165,10 +158,10 @@ def fingerprint(path: Path) -> dict[str, str]:
     }
 
 
-def random_tensions(arm: Arm, count: int, seed: int = 0, largest: float = 0.3) -> np.ndarray:
+def random_tensions(arm: Arm, count: int) -> np.ndarray:
     """Return sets of tensions [N] within the limits of the paper's arms, some of them 0."""
-    rng = np.random.default_rng(seed)
-    rows = rng.uniform(0.0, largest, (count, *arm.tension_shape))
+    rng = np.random.default_rng(0)
+    rows = rng.uniform(0.0, 0.3, (count, *arm.tension_shape))
     return rows * (rng.random(rows.shape) < 0.6)
 
 

@@ -2,21 +2,10 @@
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
-from experiments import (
-    ARM,
-    MARKER_S,
-    TIP_ERRORS,
-    bag_of,
-    description,
-    nanoseconds,
-    pose_array,
-    seen,
-    staircase_of,
-)
+from experiments import ARM, MARKER_S, TIP_ERRORS, marker_bag, staircase_of
 from numpy.testing import assert_array_equal
 from recordings import (
     START,
@@ -78,15 +67,6 @@ def wrench(pull: float, stamp: int) -> Sample:
     return message(CELLS, kind, stamp, header=header(stamp), wrench=both)
 
 
-def bag(path: Path, cell: Any) -> str:
-    time, pulled, times = staircase_of()
-    samples = [description(model='exact')]
-    samples += [cell(float(pull), nanoseconds(at)) for at, pull in zip(time, pulled)]
-    for at, pull in zip(times, np.interp(times, time, pulled)):
-        samples += pose_array(seen(float(pull), MARKER_S), nanoseconds(at))
-    return str(bag_of(path, samples))
-
-
 WAYS = {
     'Float32MultiArray': (float32, [], ['2', '0', '1', '3']),
     'Float64MultiArray': (six_channels, [], ['3', '4', '5', '-']),
@@ -105,7 +85,7 @@ WAYS = {
 @pytest.mark.parametrize('way', WAYS)
 def test_any_numbers_are_tensions_where_it_is_said_whose(way, tmp_path, cli):
     cell, topic, tendons = WAYS[way]
-    path = bag(tmp_path / 'bag', cell)
+    path = marker_bag(tmp_path / 'bag', read=cell)
     said = cli.json('compare', path, *topic, '--tendons', *tendons, *S, *STILL)
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
@@ -137,7 +117,8 @@ def test_any_numbers_are_tensions_where_it_is_said_whose(way, tmp_path, cli):
 def test_what_fits_no_tendon_is_refused_and_says_what_there_is(
     cell, options, message, tmp_path, cli
 ):
-    assert message in cli.refused('compare', bag(tmp_path / 'bag', cell), *options, *S, *STILL)
+    bag = marker_bag(tmp_path / 'bag', read=cell)
+    assert message in cli.refused('compare', bag, *options, *S, *STILL)
 
 
 def test_fields_of_messages_hold_numbers_or_are_refused():

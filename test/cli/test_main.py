@@ -23,86 +23,59 @@ from octo_arm_model.simulation.profiles import read_profile
 
 TABLE4 = 'renda2012_table4'
 PULLED = f"solve {TABLE4} --tensions '{TENSIONS}'"
+EXACT = f'{PULLED} --model exact'
 REEL = f'solve {TABLE4} --displacements'
 
 
-@pytest.mark.parametrize(
-    ('command', 'message'),
-    [
-        (f'{PULLED} --gravity 0 0 -9.81', "model is 'renda2012', which"),
-        (
-            f'{PULLED} --model exact --gravity 0 0 -9.81',
-            'material.density is 0.0, expected a density > 0',
-        ),
-        (f'{PULLED} --model exact --density 1080', '--density has no effect without --gravity'),
-        (
-            f'{PULLED} --model exact --fluid-density 1000',
-            '--fluid-density has no effect without --gravity',
-        ),
-        (
-            f'{PULLED} --model exact --tip-force 0 1e6 0',
-            'loads.tip_force is (0.0, 1000000.0, 0.0), expected at most 138.2 N',
-        ),
-        (f'{PULLED} --model exact --tip-frame tip', 'no effect without --tip-force or --tip-mo'),
-        (f'inverse {TABLE4}', 'expected either --tip X Y Z or --bend PLANE ANGLE'),
-        (
-            f'inverse {TABLE4} --bend 0 9 --model closed_form --stiffness 0 0 1 1',
-            'the model has no loads, so no compliance: choose exact',
-        ),
-        (
-            f'inverse {TABLE4} --tip 0.2 0 0 --highest true',
-            'highest is True, expected one number or shape (3, 4)',
-        ),
-        (
-            f'solve {TABLE4} --tensions much',
-            '--tensions is not JSON at character 1, expected text',
-        ),
-        (
-            f"{REEL} '{{a: 1}}'",
-            'is not JSON at character 2, expected text such as tendon_1_1=0.02',
-        ),
-        (f'solve {TABLE4} --tensions {"[" * 100_000}', '--tensions is not JSON, expected text su'),
-        (
-            f"""solve {TABLE4} --tensions '{{"a": 1}}'""",
-            'unknown tendon a; this arm has tendon_1_1',
-        ),
-        (f'solve {TABLE4} --tensions a=1', 'unknown tendon a; this arm has tendon_1_1'),
-        (
-            f'solve {TABLE4} --tensions tendon_1_1=x',
-            "{'tendon_1_1': 'x'}, expected numbers by name",
-        ),
-        (f'solve {TABLE4} --tensions tendon_1_1=1,tendon_1_1=0', 'expected each name once'),
-        (
-            f'modes {TABLE4} --density 1 --tensions a=1',
-            'unknown tendon a; this arm has tendon_1_1',
-        ),
-        (
-            f"solve {TABLE4} --tensions '[{TENSIONS}]'",
-            '--tensions holds several sets, expected one row for each',
-        ),
-        (f'workspace {TABLE4} --json --highest [[1,1,1,true],[1],[1]]', 'highest: tensions are '),
-        (f'workspace {TABLE4} --out .', "--out is '.', a folder"),
-        (f'reproduce {__file__}', f'outdir is {__file__!r}, a file, expected a folder'),
-        ('compare bag --out /proc', "--out is '/proc', cannot be written: "),
-        ('identify bag --out /tmp --csv /tmp', "--out is '/tmp', a folder, exp"),
-        ('play', 'expected either PROFILE or --list'),
-        ('play rotating --csv x.csv --highest true', 'highest is True, expected'),
-        ('play rotating --csv /proc/x.csv', "--csv is '/proc/x.csv', cannot be writt"),
-        ('play ramps --rate nan', '--rate is nan, expected 1.0 to 1000.0 [Hz]'),
-        ('play ramps --csv a.csv --loop', '--loop has no effect with --csv'),
-        ('play ramps --plot a.png --topic a', '--topic has no effect with --csv'),
-        ('play ramps --csv a --plot a', "--csv and --plot are 'a', expec"),
-        ('play --list --csv a.csv', '--csv has no effect with --list'),
-        (f'solve {TABLE4}', 'neither --tensions nor --displacements is given'),
-        (f'{REEL} [0.01]', '--displacements is [0.01], expected numbers by name'),
-        (f"""{REEL} '{{"tendon_1_1": "x"}}'""", 'expected numbers by name'),
-        (f"""{REEL} '{{"tendon_1_1": 20}}'""", 'less than there is to reel in: 0.45 m'),
-        (f"""{REEL} '{{"tendon_1_1": 0.01, "tendon_1_1": 0}}'""", 'expected each name once'),
-        (f"""{REEL} '{{"tendon_1_1": {10**400}}}'""", 'expected a finite number'),
-    ],
-)
-def test_bad_input_is_one_line_on_stderr_and_status_2(cli, command, message):
-    assert message in cli.refused(command)
+# Commands and what is said of them, a line each: `=> ` is between both.
+WRONG = f"""
+{PULLED} --gravity 0 0 -9.81 => model is 'renda2012', which
+{EXACT} --gravity 0 0 -9.81 => material.density is 0.0, expected a density > 0
+{EXACT} --density 1080 => --density has no effect without --gravity
+{EXACT} --fluid-density 1000 => --fluid-density has no effect without --gravity
+{EXACT} --tip-force 0 1e6 0 => loads.tip_force is (0.0, 1000000.0, 0.0), expected at most 138.2 N
+{EXACT} --tip-frame tip => no effect without --tip-force or --tip-mo
+inverse {TABLE4} => expected either --tip X Y Z or --bend PLANE ANGLE
+inverse {TABLE4} --bend 0 9 --model closed_form --stiffness 0 0 1 1 => the model has no loads, so \
+no compliance: choose exact
+inverse {TABLE4} --tip 0.2 0 0 --highest true => highest is True, expected one number \
+or shape (3, 4)
+solve {TABLE4} --tensions much => --tensions is not JSON at character 1, expected text
+{REEL} '{{a: 1}}' => is not JSON at character 2, expected text such as tendon_1_1=0.02
+solve {TABLE4} --tensions {'[' * 100_000} => --tensions is not JSON, expected text su
+solve {TABLE4} --tensions '{{"a": 1}}' => unknown tendon a; this arm has tendon_1_1
+solve {TABLE4} --tensions a=1 => unknown tendon a; this arm has tendon_1_1
+solve {TABLE4} --tensions tendon_1_1=x => {{'tendon_1_1': 'x'}}, expected numbers by name
+solve {TABLE4} --tensions tendon_1_1=1,tendon_1_1=0 => expected each name once
+modes {TABLE4} --density 1 --tensions a=1 => unknown tendon a; this arm has tendon_1_1
+solve {TABLE4} --tensions '[{TENSIONS}]' => --tensions holds several sets, expected one row for \
+each
+workspace {TABLE4} --json --highest [[1,1,1,true],[1],[1]] => highest: tensions are [[
+workspace {TABLE4} --out . => --out is '.', a folder
+reproduce {__file__} => outdir is {__file__!r}, a file, expected a folder
+compare bag --out /proc => --out is '/proc', cannot be written:\x20
+identify bag --out /tmp --csv /tmp => --out is '/tmp', a folder, exp
+play => expected either PROFILE or --list
+play rotating --csv x.csv --highest true => highest is True, expected
+play rotating --csv /proc/x.csv => --csv is '/proc/x.csv', cannot be writt
+play ramps --rate nan => --rate is nan, expected 1.0 to 1000.0 [Hz]
+play ramps --csv a.csv --loop => --loop has no effect with --csv
+play ramps --plot a.png --topic a => --topic has no effect with --csv
+play ramps --csv a --plot a => --csv and --plot are 'a', expec
+play --list --csv a.csv => --csv has no effect with --list
+solve {TABLE4} => neither --tensions nor --displacements is given
+{REEL} [0.01] => --displacements is [0.01], expected numbers by name
+{REEL} '{{"tendon_1_1": "x"}}' => expected numbers by name
+{REEL} '{{"tendon_1_1": 20}}' => less than there is to reel in: 0.45 m
+{REEL} '{{"tendon_1_1": 0.01, "tendon_1_1": 0}}' => expected each name once
+{REEL} '{{"tendon_1_1": {10**400}}}' => expected a finite number
+"""
+
+
+@pytest.mark.parametrize('line', WRONG.strip().split('\n'), ids=lambda line: line[:60])
+def test_bad_input_is_one_line_on_stderr_and_status_2(cli, line):
+    command, _, message = line.partition(' => ')
+    assert message and message in cli.refused(command)
 
 
 def test_a_header_of_several_lines_is_named_on_one(cli, tmp_path):
@@ -112,46 +85,37 @@ def test_a_header_of_several_lines_is_named_on_one(cli, tmp_path):
     assert 'header is time and, more; expected time, tendon_1_1' in line
 
 
+TWICE = 'is given twice, expected once'
+
+
 @pytest.mark.parametrize(
-    'command',
+    ('command', 'message'),
     [
-        '',
-        'draw',
-        'solve',
-        'reproduce',
-        f'{PULLED} --model best',
-        f'{PULLED} --stations many',
-        f'{PULLED} --colour red',
-        "compare ''",
-        "compare bag --out ''",
-        "replay bag ''",
+        *((command, '') for command in ('', 'draw', 'solve', 'reproduce')),
+        *(
+            (f'{PULLED} {more}', '')
+            for more in ('--model best', '--stations many', '--colour red')
+        ),
+        *((command, '') for command in ("compare ''", "compare bag --out ''", "replay bag ''")),
+        # The last of both would replace the other.
+        (f'{PULLED} --stations 9 --stations 11', TWICE),
+        (f'{PULLED} --tensions []', TWICE),
+        ('compare bag --midlines a --tolerance 1 --midlines b', TWICE),
+        ('identify --fit friction --config a.yaml --fit friction', TWICE),
+        (f'inverse {TABLE4} --tip 0 0 0 --tip 0 0 0', TWICE),
     ],
 )
-def test_wrong_usage_is_status_2(cli, command):
+def test_wrong_usage_is_status_2(cli, command, message):
     status, _, err = cli.left(command)
     assert status == 2 and err.startswith('octo-arm') and err.count('\n') == 1
     assert 'error: ' in err and err.endswith(f'{err.partition(": ")[0]} --help\n')
+    assert message in err
 
 
 def test_a_text_of_options_with_a_typing_error_is_refused():
     for line in ('--a X flaot: a number', '--a X float a number', '--a b: a flag'):
         with pytest.raises(ValueError, match='is no option: expected'):
             arguments.add(argparse.ArgumentParser(), line)
-
-
-@pytest.mark.parametrize(
-    'command',
-    [
-        f'{PULLED} --stations 9 --stations 11',
-        f'{PULLED} --tensions []',
-        'compare bag --midlines a --tolerance 1 --midlines b',
-        'identify --fit friction --config a.yaml --fit friction',
-        f'inverse {TABLE4} --tip 0 0 0 --tip 0 0 0',
-    ],
-)
-def test_an_option_is_given_once_as_the_last_would_replace_the_others(cli, command):
-    status, _, err = cli.left(command)
-    assert status == 2 and 'is given twice, expected once' in err
 
 
 @pytest.mark.parametrize(

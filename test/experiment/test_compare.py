@@ -250,11 +250,11 @@ def test_the_end_that_stays_is_the_base():
 # Bags --------------------------------------------------------------------------------------------
 
 
-def lab(seconds: float = 4.0) -> list:
+def lab() -> list:
     """A few seconds at 2 N, the arm seen where it is."""
-    time = np.arange(0.0, seconds, 0.02)
+    time = np.arange(0.0, 4.0, 0.02)
     points = midline('closed_form', one_tendon(2.0), 15)
-    frames = [path_sample(points, nanoseconds(at)) for at in np.arange(0.0, seconds, 0.1)]
+    frames = [path_sample(points, nanoseconds(at)) for at in np.arange(0.0, 4.0, 0.1)]
     return [*tension_samples(time, np.full(time.size, 2.0)), *frames]
 
 

@@ -20,7 +20,6 @@ from experiments import (
     one_tendon,
     shapes,
     tips,
-    with_encoders,
 )
 from numpy.testing import assert_allclose
 from scipy.stats import binom
@@ -181,7 +180,9 @@ def winches(
     found = []
     for step, pull, backbone in zip(shapes(lines, pulls, rng, noise), pulls, backbones):
         read = displacements_of(solver, backbone).ravel() + zeros - 3e-3 * (pull == 0.0)
-        found.append(with_encoders(step, read + backlash * rng.standard_normal(pull.size)))
+        read += backlash * rng.standard_normal(pull.size)
+        window = dataclasses.replace(step.window, displacements=read)
+        found.append(dataclasses.replace(step, window=window))
     return found
 
 

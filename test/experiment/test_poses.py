@@ -23,6 +23,7 @@ from experiments import (
     pose_array,
     seen,
     staircase_of,
+    tension_sample,
     tension_samples,
 )
 from numpy.testing import assert_allclose
@@ -40,16 +41,17 @@ CONFIG = Config.from_parameters({**PARAMETERS, 'model': 'exact'})
 COUNT = 40
 
 
-def files(
-    folder: Path, tensions: np.ndarray, time: np.ndarray, late: float = 0.0, every: int = 1
-) -> list[str]:
+def tips_of(tensions: np.ndarray) -> np.ndarray:
+    """The tips that the model has."""
+    return CONFIG.solver().solve(tensions.reshape(-1, *CONFIG.arm.tension_shape)).tip
+
+
+def files(folder: Path, tensions: np.ndarray, time: np.ndarray, late: float = 0.0) -> list[str]:
     """Options of a table of ``tensions`` (n, 4) [N] and one of the tips that the model has."""
-    poses = tensions[::every].reshape(-1, *CONFIG.arm.tension_shape)
-    tips = np.repeat(CONFIG.solver().solve(poses).tip, every, axis=0)
     options = []
     for option, names, at, numbers in (
         ('--tension-csv', CONFIG.arm.tendon_names, time, tensions),
-        ('--midline-csv', 'xyz', time + late, tips),
+        ('--midline-csv', 'xyz', time + late, tips_of(tensions)),
     ):
         path = folder / f'{option.strip("-")}.csv'
         rows = [','.join(map(repr, [t, *row])) for t, row in zip(at.tolist(), numbers.tolist())]
@@ -109,7 +111,7 @@ def compared(tmp_path, cli, rows, *options):
 
 def test_points_of_a_row_without_tensions_count_for_no_other_row(tmp_path, cli):
     tensions = random_poses(6, 3)
-    tips = CONFIG.solver().solve(tensions.reshape(-1, *CONFIG.arm.tension_shape)).tip
+    tips = tips_of(tensions)
     tensions[1, 0] = -1.0
     said = compared(tmp_path, cli, np.column_stack([[0.0, 0.05, 1.0], tensions, tips]), *ARM)
     assert [step['frames'] for step in said['steps']] == [1, 1]
@@ -119,8 +121,7 @@ def test_points_of_a_row_without_tensions_count_for_no_other_row(tmp_path, cli):
 @pytest.mark.parametrize('pulls', [(1.0, 1.0, 1.0), (1.0, 2.0, 3.0)])
 def test_exact_tips_are_compared_with_the_camera_aligned(pulls, tmp_path, cli):
     tensions = np.outer(pulls, [1.0, 0.0, 0.0, 0.0])
-    tips = CONFIG.solver().solve(tensions.reshape(-1, *CONFIG.arm.tension_shape)).tip
-    rows = np.column_stack([np.arange(3.0), tensions, tips])
+    rows = np.column_stack([np.arange(3.0), tensions, tips_of(tensions)])
     said = compared(tmp_path, cli, rows, *ARM[:4])
     assert max(step['tip_error_percent'] for step in said['steps']) < 1e-6
 
@@ -221,12 +222,12 @@ def cell_bag(
 ) -> Path:
     """Cells of which the true tension is ``scale`` times the reading plus ``offset`` [N]."""
     rng = np.random.default_rng(0)
-    time, pulled, times = staircase_of(held)
-    read = [one_tendon((pull - offset) / scale) + 2e-3 * rng.standard_normal(4) for pull in pulled]
-    samples = [description(model='exact', **changes), *tension_samples(time, read)]
-    for at, pull in zip(times, np.interp(times, time, pulled)):
-        samples += pose_array(seen(float(pull), MARKER_S), nanoseconds(at))
-    return bag_of(path, samples)
+
+    def read(pull: float, stamp_ns: int) -> Sample:
+        row = one_tendon((pull - offset) / scale) + 2e-3 * rng.standard_normal(4)
+        return tension_sample(row, stamp_ns)
+
+    return marker_bag(path, held=held, read=read, **changes)
 
 
 def assert_tip_errors(said: dict[str, Any], near: float = 0.03) -> None:

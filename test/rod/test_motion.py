@@ -328,6 +328,14 @@ def test_loops_and_arrays_give_the_same_motion():
     np.testing.assert_allclose(ends[0].place[1], ends[1].place[1], atol=1e-7)
 
 
+def marked(data: bytes, place: int, value: int) -> bytes:
+    """Return the zip file ``data`` with another byte in the headers of all its parts."""
+    for header, at in ((b'PK\x01\x02', place), (b'PK\x03\x04', place - 2)):
+        begin, *parts = data.split(header)
+        data = header.join([begin, *(p[: at - 4] + bytes([value]) + p[at - 3 :] for p in parts)])
+    return data
+
+
 # A damaged file must be closed too.
 @pytest.mark.filterwarnings(
     'error::ResourceWarning', 'error::pytest.PytestUnraisableExceptionWarning'
@@ -335,7 +343,11 @@ def test_loops_and_arrays_give_the_same_motion():
 def test_invalid_files_of_states_are_refused(tmp_path):
     dynamics, state = _moving()
     path = tmp_path / 'state.npz'
-    for damaged in (b'none', b'PK\3\4 and no archive'):
+    dynamics.save(state, path)
+    whole, shape = path.read_bytes(), (b'(6,), }' + 12 * b' ', b'(6' + 12 * b'0' + b',), }')
+    damages = [b'none', b'PK\3\4 and no archive', whole[: len(whole) // 2], whole.replace(*shape)]
+    # Encrypted, and packed by no known method.
+    for damaged in (*damages, marked(whole, 8, 1), marked(whole, 10, 99)):
         path.write_bytes(damaged)
         with pytest.raises(ConfigError, match='cannot be read as a state'):
             dynamics.load(path)

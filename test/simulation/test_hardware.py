@@ -119,6 +119,12 @@ def test_noise_has_its_standard_deviation_and_no_bias_and_slack_tendons_read_bel
         assert abs(noise.std() - 0.1) < 4.0 * 0.1 / np.sqrt(2 * noise.size)
 
 
+def test_readings_are_multiples_of_the_resolution():
+    read = readings(5.0, 100, noise_stddev=0.2, resolution=0.25)
+    assert len(np.unique(read)) > 3
+    np.testing.assert_array_equal(read, 0.25 * np.round(read / 0.25))
+
+
 def test_a_gain_stays_what_it_was_drawn_and_is_in_proportion():
     low, high = (readings(tension, 5, gain_stddev=0.1) for tension in (1.0, 10.0))
     assert (low == low[0]).all()
