@@ -24,7 +24,7 @@ from octo_arm_model import load_config  # noqa: E402
 from octo_arm_model.config.parameter_files import preset_path  # noqa: E402
 from octo_arm_model.ros.processes import children  # noqa: E402
 from octo_arm_model.simulation.movements import figures  # noqa: E402
-from octo_arm_model.viewer.main import LOOPBACK, PORT  # noqa: E402
+from octo_arm_model.viewer.address import LOOPBACK, PORT  # noqa: E402
 from octo_arm_model.viewer.server import free_port, url  # noqa: E402
 
 WIDTH, HEIGHT = 1280, 860  # of the window; the page is a little less high

@@ -23,7 +23,7 @@ from octo_arm_model.simulation.movements import find_profile, profile_names
 from octo_arm_model.simulation.pushed_arm import touched
 from octo_arm_model.simulation.simulator import in_water
 from octo_arm_model.terminal import StatusLine, fail, make_parser, missing, status_of
-from octo_arm_model.viewer.main import add_address, page_title
+from octo_arm_model.viewer.address import add_address, page_title
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 if TYPE_CHECKING:

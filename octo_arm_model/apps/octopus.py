@@ -24,7 +24,7 @@ from octo_arm_model.simulation.movements import TOPIC as COMMANDS
 from octo_arm_model.simulation.movements import check_profile, find_profile, tendon_limits
 from octo_arm_model.simulation.simulator import in_water
 from octo_arm_model.terminal import StatusLine, fail, make_parser, status_of
-from octo_arm_model.viewer.main import page_title
+from octo_arm_model.viewer.address import page_title
 
 if TYPE_CHECKING:
     from rclpy.node import Node

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 
 from octo_arm_model import terminal
@@ -22,7 +23,7 @@ from octo_arm_model.arm.errors import ConfigError, shown
 from octo_arm_model.arm.limits import MAX_YAML_BYTES
 from octo_arm_model.config import parameter_files
 from octo_arm_model.config.files import load_yaml, read_text
-from octo_arm_model.ros.work import interruptible
+from octo_arm_model.ros.work import guarded
 
 # NAME is a parameter of all nodes, NODE:NAME one of a single node.
 _TARGET = re.compile(r'(?:([\w/*]+):)?([\w./]+)', re.ASCII)
@@ -128,7 +129,7 @@ _LISTS = {
 
 
 class CheckedNode(Node):
-    """A node that checks what rclpy's own callbacks receive, as their exceptions end a program.
+    """A node whose callbacks are `guarded`, and which checks what rclpy's own ones receive.
 
     `read_here` reads the parameter files among the arguments of such a node.
     """
@@ -144,7 +145,15 @@ class CheckedNode(Node):
         """Create a subscription; messages on /clock are checked before ``callback`` gets them."""
         if msg_type is Clock and not options.get('raw'):
             callback = partial(self._take_clock, callback)
-        return super().create_subscription(msg_type, topic, callback, *args, **options)
+        return super().create_subscription(
+            msg_type, topic, guarded(self, callback), *args, **options
+        )
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], None], *args: Any, **options: Any
+    ) -> Timer:
+        """Create a timer."""
+        return super().create_timer(timer_period_sec, guarded(self, callback), *args, **options)
 
     def create_service(
         self,
@@ -158,7 +167,7 @@ class CheckedNode(Node):
         if srv_type in _LISTS:
             callback = partial(self._answer_checked, _LISTS[srv_type], callback)
         return super().create_service(
-            srv_type, srv_name, interruptible(callback), *args, **options
+            srv_type, srv_name, guarded(self, callback), *args, **options
         )
 
     def _take_clock(self, take: Callable[[Clock], None], message: Clock) -> None:

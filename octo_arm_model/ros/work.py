@@ -1,4 +1,4 @@
-"""The work of nodes, divided into pieces so that requests and signals are served in between.
+"""Callbacks that end at a signal, long calls on threads, and services with queues.
 
 A signal ends a callback, because the solver may need seconds to its result. Python runs signal
 handlers between its instructions, so an exception raised by the handler ends a solve after the
@@ -8,20 +8,22 @@ compiles, LLVM calls Python back and loses an exception raised there: the signal
 """
 
 import collections
-import contextlib
 import functools
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent import futures
 from types import FrameType
 from typing import Any, TypeVar
 
-from rclpy.clock import Clock, ClockType
-from rclpy.context import Context
+from rclpy.clock import Clock, ClockType, JumpHandle, JumpThreshold
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.timer import Timer
+
+from octo_arm_model.arm.errors import in_short
+from octo_arm_model.terminal import RefusalLog
 
 _CALLED_BY_LLVM = ('llvmlite.binding.executionengine', '_raw_object_cache_')  # module, functions
 _REPEAT_AFTER = 0.01  # [s] until a signal is repeated
@@ -86,14 +88,22 @@ def interruptible(callback: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
-@contextlib.contextmanager
-def until_shutdown(context: Context) -> Iterator[None]:
-    """Ignore a RuntimeError within the block if a signal has shut down ``context``."""
-    try:
-        yield
-    except RuntimeError:
-        if context.ok():
-            raise
+def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a ``callback`` of ``node`` that a signal ends, and that raises nothing.
+
+    By an exception of a callback rclpy's executor would crash. A fault of this package is logged.
+    """
+    log = RefusalLog(node.get_logger().error)
+
+    def run(*arguments: Any) -> Any:
+        try:
+            return callback(*arguments)
+        except Exception:
+            if node.context.ok():  # else a signal has shut it down amid the callback
+                log.add('unexpected fault', traceback.format_exc())
+            return arguments[-1] if arguments else None
+
+    return interruptible(run)
 
 
 def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
@@ -101,47 +111,12 @@ def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Tim
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-class WorkQueue:
-    """A queue of pieces of work, of which the executor has at most one as its task.
-
-    An executor works in the order of arrival. Parameters, /clock and timers therefore wait for the
-    piece in progress and the one that is its task already, but not for the rest of the queue.
-    """
-
-    def __init__(self, node: Node) -> None:
-        """Do work for ``node`` while an executor spins it."""
-        self._node = node
-        self._due: collections.deque[Callable[[], None]] = collections.deque()
-        self._is_queued = False
-        self._do = interruptible(self._do_next)
-
-    def add(self, piece: Callable[[], None]) -> None:
-        """Queue ``piece`` behind all others, unless it is queued already."""
-        if piece not in self._due:
-            self._due.append(piece)
-        self._queue()
-
-    def clear(self) -> None:
-        """Drop the pieces that wait."""
-        self._due.clear()
-
-    def _queue(self) -> None:
-        executor = self._node.executor
-        if self._due and not self._is_queued and executor is not None:
-            self._is_queued = True
-            executor.create_task(self._do)
-
-    def _do_next(self) -> None:
-        self._is_queued = False
-        if not self._due:
-            return
-        try:
-            with until_shutdown(self._node.context):
-                self._due.popleft()()
-        except Exception:  # a fault of this package, by which rclpy's executor would crash
-            self._node.get_logger().error(traceback.format_exc())
-        finally:
-            self._queue()
+def on_jump_back(node: Node, callback: Callable[[], None]) -> JumpHandle:
+    """Call ``callback`` whenever simulated time jumps back, while the result is kept."""
+    back = JumpThreshold(
+        min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
+    )
+    return node.get_clock().create_jump_callback(back, post_callback=lambda _: callback())
 
 
 Result = TypeVar('Result')
@@ -202,6 +177,7 @@ class QueuedService:
         # Each has a request, its response and its header; the first is being answered.
         self._waiting: collections.deque[tuple[Any, Any, Any]] = collections.deque()
         self._lock = threading.Lock()
+        self._log = RefusalLog(node.get_logger().error)
         self._answering: LongCall[None] | None = None  # ends when no request waits any more
         self._request: Any = None
         self._service = node.create_service(kind, name, self._keep)
@@ -244,9 +220,10 @@ class QueuedService:
             request, response, header = self._waiting[0]
             try:
                 self._answer(request, response, pause)
-            except Exception:  # a fault of this package: the next requests are answered still
-                response.success, response.message = False, traceback.format_exc()
-                self._node.get_logger().error(response.message)
+            except Exception as error:  # a fault of this package: the next are answered still
+                response.success = False
+                response.message = f'unexpected {type(error).__name__}: {in_short(error)}'
+                self._log.add('unexpected fault', traceback.format_exc())
             with self._lock:
                 if self._waiting:  # else the service was closed meanwhile
                     self._waiting.popleft()

@@ -29,9 +29,9 @@ from octo_arm_model.ros.client.client import (
 from octo_arm_model.ros.work import LongCall
 from octo_arm_model.simulation.movements import tendon_limits
 from octo_arm_model.viewer import numbers, scene
+from octo_arm_model.viewer.address import TITLE
 from octo_arm_model.viewer.commander import Commander
 from octo_arm_model.viewer.controls import Controls, Later, ModelOverlay, MotionControls
-from octo_arm_model.viewer.main import TITLE
 from octo_arm_model.viewer.scene import Cameras, framing, reachable_points, tangent_of
 from octo_arm_model.viewer.server import refusing
 

@@ -28,7 +28,7 @@ from websockets.http11 import Request, Response
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.viewer.access import Access, objection_to
-from octo_arm_model.viewer.main import LOOPBACK, TITLE
+from octo_arm_model.viewer.address import LOOPBACK, TITLE
 
 _TITLE = b'<title>Viser</title>'
 _HEAD_END = b'</head>'

@@ -106,10 +106,14 @@ def test_manifests_are_valid(folder, name):
     assert not warnings and package.name == name
 
 
-def test_packages_of_launch_files_are_dependencies():
+def test_packages_of_launch_files_and_imports_are_dependencies():
     parse_package = pytest.importorskip('catkin_pkg.package').parse_package
+    packages = pytest.importorskip('ament_index_python.packages').get_packages_with_prefixes()
     package = parse_package(str(ROOT / 'package.xml'))
     depends = {dependency.name for dependency in package.exec_depends}
+    sources = (path.read_text() for path in (ROOT / 'octo_arm_model').rglob('*.py'))
+    imported = re.findall(r'^ *(?:from|import) (\w+)', '\n'.join(sources), re.MULTILINE)
+    assert depends >= packages.keys() & set(imported) - {package.name}
     shared = ROOT / 'octo_arm_model' / 'ros' / 'launch_parts.py'
     text = ''.join(path.read_text() for path in (*(ROOT / 'launch').iterdir(), shared))
     controllers = (ROOT / 'config' / 'ros2_control' / 'controllers.yaml').read_text()

@@ -4,6 +4,7 @@ import contextlib
 import subprocess
 import sys
 import time
+from collections import Counter
 from functools import partial
 from typing import Any
 
@@ -13,8 +14,10 @@ import pytest
 import yaml
 from checkout import ROOT
 from octo_arm_msgs.srv import FindTensions, Solve
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
-from octo_arm_model import ConfigError
+from octo_arm_model import ConfigError, terminal
 from octo_arm_model.analysis.driven_arm import DrivenArm
 from octo_arm_model.arm.errors import OctoArmError
 from octo_arm_model.config.parameter import Parameter
@@ -22,10 +25,12 @@ from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.config.parameters import PARAMETERS
 from octo_arm_model.estimation.settings import ESTIMATOR_PARAMETERS
 from octo_arm_model.ros.estimator.main import PreparedEstimator
+from octo_arm_model.ros.node.main import make_executor
 from octo_arm_model.ros.node.outputs import MARKERS_TOPIC
 from octo_arm_model.ros.node.server import Prepared
+from octo_arm_model.ros.start import CheckedNode
 from octo_arm_model.ros.topics import message_class
-from octo_arm_model.ros.work import LONGEST_WAIT, MOST_WAITING, QueuedService, WorkQueue
+from octo_arm_model.ros.work import LONGEST_WAIT, MOST_WAITING, QueuedService
 from octo_arm_model.wire.backbone import BACKBONE_TOPICS
 
 
@@ -66,13 +71,37 @@ def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
     assert {one.result().message for one in asked} == {'the node stops answering'}
 
 
-def test_a_piece_that_is_due_is_not_due_twice_and_after_a_fault_the_next_is_done(make_node):
-    node, done = make_node('working'), []
-    work, piece = WorkQueue(node), partial(done.append, 'once')
-    for one in ([].pop, piece, piece, partial(done.append, 'after')):
-        work.add(one)
-    live_nodes.spin_until(node.executor, lambda: 'after' in done)
-    assert done == ['once', 'after']
+def test_faults_of_callbacks_are_logged_once_a_period_and_end_nothing(context, capfd, monkeypatch):
+    monkeypatch.setattr(terminal, 'WARNING_PERIOD', 60.0)
+    node, calls = CheckedNode('faulty', context=context), Counter()
+
+    def fault(what, *arguments):
+        calls[what] += 1
+        raise OSError(f'{what} {calls[what]}')
+
+    executor = make_executor(context)
+    executor.add_node(node)
+    node.create_subscription(String, 'heard', partial(fault, 'message'), 10)
+    node.create_timer(0.01, partial(fault, 'time'))
+    node.create_service(Trigger, 'asked', partial(fault, 'request'))
+    service = QueuedService(node, Solve, 'queued', partial(fault, 'queued'))
+    publisher = node.create_publisher(String, 'heard', 10)
+    clients = node.create_client(Trigger, 'asked'), node.create_client(Solve, 'queued')
+    live_nodes.spin_until(executor, lambda: all(one.service_is_ready() for one in clients))
+    answers = [client.call_async(client.srv_type.Request()) for client in clients for _ in '12']
+
+    def is_done():
+        publisher.publish(String())
+        is_repeated = min(calls['message'], calls['time']) > 2
+        return is_repeated and all(answer.done() for answer in answers)
+
+    live_nodes.spin_until(executor, is_done)
+    service.close()
+    node.destroy_node()
+    logged = capfd.readouterr().err
+    assert all(logged.count(f'OSError: {what} ') == 1 for what in calls) and len(calls) == 4
+    assert [answer.result().success for answer in answers] == [False] * 4
+    assert answers[-1].result().message == 'unexpected OSError: queued 2'
 
 
 # The solver sends the signal itself and then never returns.

@@ -36,6 +36,7 @@ from octo_arm_model.ros.node.main import ManagedNode, ServedNode, run
 from octo_arm_model.ros.node.outputs import BackbonePublishers, is_heard
 from octo_arm_model.ros.node.server import Prepared, Server, described
 from octo_arm_model.ros.topics import message_class
+from octo_arm_model.ros.work import on_jump_back
 from octo_arm_model.wire.estimate import BESIDES, EstimateWriter
 from octo_arm_model.wire.markers import UncertaintyMarkersWriter
 from octo_arm_model.wire.measurements import (
@@ -179,6 +180,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._run_back = Counter[str]()  # resets of the estimate by stamps, since the last report
         self._late = self._restarts = 0  # of the estimator, as of the last report
         self._diagnostics.parts.append(self._report)
+        self._jumps = on_jump_back(node, self._on_jump_back)
 
     def _open(self) -> None:
         self._reset_estimate()
@@ -207,6 +209,16 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         self._newest, self._update = {}, None
         self._late = self._restarts = 0
         return estimator
+
+    def _on_jump_back(self) -> None:
+        # Even if all stamps would be within the window, as when a short simulation begins anew.
+        if self._estimator is not None:
+            self._begin_anew('/clock', 'time jumps back')
+
+    def _begin_anew(self, topic: str, why: str) -> Estimator:
+        self._diagnostics.log.add(topic, f'{why}; the estimate is reset')
+        self._run_back[topic] += 1
+        return self._reset_estimate()
 
     def _measured_arm(self) -> MeasuredArm:
         config = self._arm.config
@@ -237,10 +249,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
         resolved = self._resolved(stamp)
         step_back = 1e-9 * (self._newest.get(topic, resolved).ns - resolved.ns)
         if step_back > self._arm.settings.given.window + _BACK:  # as when a bag is played again
-            words = f'stamps run back by {step_back:.3g} s; the estimate is reset'
-            self._diagnostics.log.add(topic, words)
-            self._run_back[topic] += 1
-            estimator = self._reset_estimate()
+            estimator = self._begin_anew(topic, f'stamps run back by {step_back:.3g} s')
         start = time.perf_counter()
         update = estimator.add(resolved.ns, [measurement])
         duration = time.perf_counter() - start

@@ -18,7 +18,7 @@ from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.node.inputs import Inputs
 from octo_arm_model.ros.topics import create_publisher
-from octo_arm_model.ros.work import steady_timer, until_shutdown
+from octo_arm_model.ros.work import steady_timer
 from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.wire.messages import Refusals, Stamp, time_of
 
@@ -109,8 +109,7 @@ class Report:
             status.name = f'{name.lstrip("/")}: {status.name}'
             status.hardware_id = name
         message.header.stamp = self._node.get_clock().now().to_msg()
-        with until_shutdown(self._node.context):
-            self._publisher.publish(message)
+        self._publisher.publish(message)
         self.lately.clear()
 
 

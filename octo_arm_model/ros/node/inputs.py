@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 
 from octo_arm_model.arm.errors import MeasurementError, MessageError, OctoArmError
 from octo_arm_model.ros.topics import create_subscription, decoded, take_all
-from octo_arm_model.ros.work import WorkQueue, steady_timer
+from octo_arm_model.ros.work import guarded, steady_timer
 from octo_arm_model.wire.messages import Stamp
 
 # Called with the whole name of a topic and a message; an OctoArmError refuses the message.
@@ -52,7 +52,6 @@ class Inputs:
 
     Attributes:
         node: the node.
-        work: the queue of work in which messages are read.
         refuse: called with the whole name of a topic and why a message on it is refused.
         skipped: called with the number of messages skipped for a newer one, before that is read.
     """
@@ -65,7 +64,6 @@ class Inputs:
     ) -> None:
         """Create the inputs of ``node``, without subscriptions."""
         self.node, self.refuse, self.skipped = node, refuse, skipped
-        self.work = WorkQueue(node)
         self._open: dict[str, LatestSubscription] = {}
         self._last_subscribed = 0.0
         self._waiting: collections.deque[_WaitingMessage] = collections.deque()
@@ -101,7 +99,6 @@ class Inputs:
         """Unsubscribe from all topics, and drop the messages that wait."""
         for topic in list(self._open):
             self.unsubscribe(topic)
-        self.work.clear()
         self._waiting.clear()
 
     def answer_latest(self) -> None:
@@ -153,17 +150,10 @@ class Inputs:
             self.refuse(topic, error)
 
     def look_again(self) -> None:
-        """Queue the work of reading the waiting messages whose needs are known by now."""
-        if self._waiting:
-            self.work.add(self._read_next)
-
-    def _read_next(self) -> None:
-        """Read the oldest message whose needs are known, and look again if there was one."""
-        ready = next((message for message in self._waiting if message.error.is_known()), None)
-        if ready is not None:
-            self._waiting.remove(ready)
-            self.attempt(ready.topic, ready.read, 0)
-            self.look_again()
+        """Read the waiting messages whose needs are known by now."""
+        for message in [message for message in self._waiting if message.error.is_known()]:
+            self._waiting.remove(message)
+            self.attempt(message.topic, message.read, 0)
 
     def _expire(self) -> None:
         while self._waiting and self._waiting[0].until < time.monotonic():
@@ -177,9 +167,9 @@ class Inputs:
 class LatestSubscription:
     """A subscription to one topic, of which only the latest message is answered.
 
-    An answer may take longer than the time between two messages. It is a piece of a `WorkQueue`:
-    if the callback answered, all messages that came meanwhile would be answered before any request
-    for parameters.
+    An answer may take longer than the time between two messages. It is a task of the executor, of
+    which there is one at a time: if the callback answered, all messages that came meanwhile would
+    be answered before any request for parameters.
 
     Attributes:
         subscription: the subscription of rclpy.
@@ -197,7 +187,8 @@ class LatestSubscription:
         self.is_apart, self.is_answered = is_apart, is_answered
         self.heard_at = self._read_at = 0.0
         self._latest: bytes | None = None
-        self._older, self._is_open = 0, True
+        self._older, self._is_open, self._is_due = 0, True, False
+        self._answer = guarded(inputs.node, self._answer_due)
         self.subscription = create_subscription(
             inputs.node, kind, topic, self._keep, INPUT_QOS, raw=True
         )
@@ -209,11 +200,15 @@ class LatestSubscription:
         self._inputs.node.destroy_subscription(self.subscription)
 
     def _keep(self, message: bytes) -> None:
-        if self._latest is None:
-            self._inputs.work.add(self.answer_latest)
-        else:
-            self._older += 1
+        self._older += self._latest is not None
         self._latest = message
+        if not self._is_due and (executor := self._inputs.node.executor):
+            self._is_due = True
+            executor.create_task(self._answer)
+
+    def _answer_due(self) -> None:
+        self._is_due = False
+        self.answer_latest()
 
     def answer_latest(self) -> None:
         """Answer the latest message, unless it is answered already."""

@@ -28,7 +28,7 @@ from octo_arm_model.ros.node.arm_server import ArmServer
 from octo_arm_model.ros.node.server import Server
 from octo_arm_model.ros.processes import arguments_of_ros
 from octo_arm_model.ros.start import CheckedNode, start_ros
-from octo_arm_model.ros.work import ignore_signals, install, interruptible
+from octo_arm_model.ros.work import guarded, ignore_signals, install, interruptible
 from octo_arm_model.terminal import fail, show_logs
 
 PROFILES = Path(__file__).with_name('fastdds.xml')
@@ -90,7 +90,7 @@ class ManagedNode(CheckedNode, LifecycleNode):
         self._server = make_server(self)
         for service in self.services:
             if service.srv_type is ChangeState:
-                service.callback = partial(self._change_state, service.callback)
+                service.callback = guarded(self, partial(self._change_state, service.callback))
 
     def _change_state(
         self,

@@ -20,7 +20,7 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.rod.backbone import Backbone
 from octo_arm_model.rod.solver import Solver
 from octo_arm_model.ros.topics import create_publisher, message_class
-from octo_arm_model.ros.work import steady_timer, until_shutdown
+from octo_arm_model.ros.work import steady_timer
 from octo_arm_model.wire.backbone import (
     BACKBONE_TOPICS,
     TENDON_LENGTHS,
@@ -108,8 +108,7 @@ class MarkerPublisher:
         """Publish the backbone that waits; if none waits, the next is published at once."""
         draw, self._waiting = self._waiting, None
         if draw is not None:
-            with until_shutdown(self._node.context):
-                draw()
+            draw()
         elif self._timer is not None:
             self._timer.cancel()
 

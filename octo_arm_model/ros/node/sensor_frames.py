@@ -17,6 +17,7 @@ from octo_arm_model.experiment.transform_tree import TransformTree
 from octo_arm_model.ros.node.inputs import LONGEST, NotKnownYet
 from octo_arm_model.ros.node.outputs import TF_QOS, TF_TOPIC, TF_TYPE
 from octo_arm_model.ros.topics import create_subscription, is_overridden, message_class
+from octo_arm_model.ros.work import on_jump_back
 from octo_arm_model.terminal import RefusalLog
 from octo_arm_model.wire.messages import Stamp
 
@@ -42,6 +43,8 @@ class SensorFrames:
         self._tree = TransformTree()
         self._moving = set[str]()  # frames that static transforms do not lead to
         self._complete_at = -math.inf  # time by which transforms published before have come [s]
+        # If time jumps back, moving frames have been elsewhere at the times to come.
+        self._jumps = on_jump_back(node, self.close)
 
     def open(self) -> None:
         """Check QoS overrides of the topics of transforms; ConfigError if one is impossible."""

@@ -23,6 +23,7 @@ from octo_arm_model.ros.node.inputs import Inputs, stamp_of
 from octo_arm_model.ros.node.outputs import BackbonePublishers
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.topics import check_overrides, message_class
+from octo_arm_model.ros.work import guarded
 from octo_arm_model.wire.messages import Stamp
 from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMessage
 
@@ -186,7 +187,12 @@ class Server(ABC, Generic[ArmT, PublishersT]):
             for topic in (topic for topic in now if now[topic] != before[topic]):
                 self._inputs.unsubscribe(topic)
             # A topic can change its type only after the executor releases the subscription.
-            self._inputs.work.add(self._subscribe)
+            if executor := self._node.executor:
+                executor.create_task(guarded(self._node, self._subscribe_anew))
+
+    def _subscribe_anew(self) -> None:
+        if self._fields:  # the server is still active
+            self._subscribe()
 
     def _subscribe(self) -> None:
         """Subscribe to tensions, and to the topics of messages whose types parameters name."""

@@ -25,7 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 from octo_arm_model.arm.errors import LoadError, OctoArmError, shown
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.ros.topics import create_publisher
-from octo_arm_model.ros.work import steady_timer, until_shutdown
+from octo_arm_model.ros.work import steady_timer
 from octo_arm_model.simulation.dynamic_arm import DynamicArm
 from octo_arm_model.simulation.pushed_arm import Push
 from octo_arm_model.simulation.simulator import Course, SimulatorConfig
@@ -130,14 +130,13 @@ class SimulationClock:
                 return
 
     def _advance(self, elapsed_ns: int, now: Time) -> None:
-        with until_shutdown(self._node.context):
-            self.is_stopped = False
-            if self._publisher is not None:
-                self._time_ns += elapsed_ns
-                now = Time(nanoseconds=self._time_ns)
-                # The clock comes first, so that subscribers know the time of the messages to come.
-                self._publisher.publish(ClockMessage(clock=now.to_msg()))
-            self._step(elapsed_ns, now)
+        self.is_stopped = False
+        if self._publisher is not None:
+            self._time_ns += elapsed_ns
+            now = Time(nanoseconds=self._time_ns)
+            # The clock comes first, so that subscribers know the time of the messages to come.
+            self._publisher.publish(ClockMessage(clock=now.to_msg()))
+        self._step(elapsed_ns, now)
 
     def offer_services(
         self, reset: Callable[[], None], save: Callable[[], None], restore: Callable[[], None]

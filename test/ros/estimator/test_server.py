@@ -161,6 +161,23 @@ def test_a_bag_that_begins_anew_is_followed_from_its_beginning(client):
     assert_allclose(stddev, PRIOR, rtol=1e-6)
 
 
+def test_an_estimate_begins_anew_where_time_jumps_back_by_little(client):
+    """As in a simulation of a second that is reset: all would be late until that is over."""
+    tell, tip = client.clock(), client.answers['tip_pose']
+    assert client.change(use_sim_time=True) == (True, '')
+    try:
+        for sec in (1001, 1000):
+            client.logs.clear()
+            client.wait(
+                lambda sec=sec: tip and tip[-1].header.stamp.sec == sec,
+                f'an estimate at {sec} s',
+                lambda sec=sec: (tell(sec), client.send('tendon_tensions', sec + 0.1)),
+            )
+        client.log('/clock: time jumps back; the estimate is reset')
+    finally:
+        assert client.change(use_sim_time=False) == (True, '')
+
+
 def test_where_nothing_can_be_used_the_estimate_is_not_said_to_be_well(client, monkeypatch):
     client.diagnostics.clear()
     for seconds, why in ((2**31 - 1, 'its stamp is'), (1000, 'there is no shape')):

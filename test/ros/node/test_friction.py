@@ -15,8 +15,11 @@ from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.ros.node.main import OctoArmNode
 
 tf2 = pytest.importorskip('tf2_msgs.msg', reason='needs tf2_msgs')
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Quaternion, TransformStamped, WrenchStamped
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import FollowingWrench, Loads
@@ -234,6 +237,33 @@ def test_frames_have_another_parent_where_base_frame_changes(felt):
             )
     finally:
         assert felt.change(base_frame='arm_base') == (True, '')
+
+
+def test_moving_frames_are_forgotten_where_time_jumps_back(make_node):
+    """Also by less than their history, as when a short simulation begins anew."""
+    node = make_node('listener', parameter_overrides=[Parameter('use_sim_time', value=True)])
+    frames, clock = SensorFrames(node, lambda: None), node.create_publisher(Clock, '/clock', 1)
+    publisher = node.create_publisher(tf2.TFMessage, '/tf', 10)
+
+    def is_at(x):
+        moved = link('base', 'rail')
+        moved.header.stamp.sec, moved.transform.translation.x = 1, x
+        publisher.publish(tf2.TFMessage(transforms=[moved]))
+        try:
+            return frames.pose_of('rail', 'base', 10**9).position[0] == x
+        except MeasurementError:
+            return False
+
+    def is_time(sec):
+        clock.publish(Clock(clock=Time(sec=sec)))
+        return node.get_clock().now().nanoseconds == sec * 10**9
+
+    spin_until(node.executor, lambda: is_time(4))
+    spin_until(node.executor, lambda: is_at(0.1))
+    for _ in range(20):  # what was published meanwhile
+        node.executor.spin_once(0.02)
+    spin_until(node.executor, lambda: is_time(1))
+    spin_until(node.executor, lambda: is_at(0.2))
 
 
 def test_few_messages_wait_for_a_short_time(make_node, monkeypatch, capfd):
