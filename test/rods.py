@@ -52,12 +52,21 @@ METAL = Arm(
     Body(0.4, 0.0007, 0.0007, disc_radius=0.011),
     tuple(Section(anchorage, 0.01, 0.01, angles=THIRDS) for anchorage in (0.4, 0.2)),
 )
-# A rubber cylinder with a tendon on either side.
-UNIFORM = Arm(
-    Material(1e5, 0.5, 1000.0),
-    Body(0.45, 0.01, 0.01),
-    (Section(0.45, 0.006, 0.006, angles=(0.0, math.pi)),),
-)
+
+
+def cylinder(
+    length: float = 0.45,
+    radius: float = 0.01,
+    young: float = 1e5,
+    angles: tuple[float, ...] = (0.0, math.pi),
+    **fields: Any,
+) -> Arm:
+    """Return a rubber cylinder with tendons at 0.6 of its radius."""
+    section = Section(length, 0.6 * radius, 0.6 * radius, angles=angles)
+    return Arm(Material(young, 0.5, 1000.0), Body(length, radius, radius), (section,), **fields)
+
+
+UNIFORM = cylinder()
 WRENCH = np.array([0.01, 0.02, -0.01, 1e-4, -2e-4, 1e-4])
 SHEATHED = dataclasses.replace(HELICAL, sheath_stiffness=(3e5, 0.0, 1e6, 4e5, 5e5, 6e5))
 

@@ -174,52 +174,34 @@ def test_error_of_a_missing_parameter_has_type_and_meaning(tmp_path, name):
     assert str(refusal.value) == f'{tmp_path / "arm.yaml"}: {expected}'
 
 
-@pytest.mark.parametrize(
-    ('old', 'new', 'message'),
-    [
-        (
-            'stations: 101',
-            'solve_budget.iterations: 0',
-            'solve budget: iterations is 0, expected a number > 0',
-        ),
-        (
-            'youngs_modulus:',
-            'young_modulus:',
-            'material.young_modulus is no parameter of the arm; did you mean '
-            'material.youngs_modulus?',
-        ),
-        ('    stations: 101', '    zzz: 1', 'zzz is no parameter of the arm; known are model, '),
-        ('stations: 101', 'stations: 101.5', 'stations is 101.5, expected integer'),
-        ('stations: 101', 'stations: true', 'stations is True, expected integer'),
-        ('stations: 101', 'stations: many', "stations is 'many', expected integer"),
-        ('model: renda2012', 'model: 2012', 'model is 2012, expected string'),
-        ('base_frame: arm_base', "base_frame: ''", "base_frame is '', expected the name of a fr"),
-        ('base_frame: arm_base', 'base_frame: /a', "base_frame is '/a', expected no / at its"),
-        ('base_frame: arm_base', 'frame_prefix: /a', "frame_prefix is '/a', expected no / at its"),
-        ('length: 0.45', "length: '0.45'", "body.length is '0.45', expected double"),
-        ('length: 0.45', 'length: [0.45]', 'body.length is [0.45], expected double'),
-        ('length: 0.45', 'length: yes', 'body.length is True, expected double'),
-        ('length: 0.45', 'length:', 'body.length has no value'),
-        ('length: 0.45', '', 'body.length is missing, expected double'),
-        ('length: 0.45', 'length: {m: 1}', 'body.length.m is no parameter of the arm; did you me'),
-        (
-            'anchorage: [0.45, 0.315, 0.135]',
-            'anchorage: 0.45',
-            'sections.anchorage is 0.45, expected double[], as [0.45]',
-        ),
-        (
-            'anchorage: [0.45, 0.315, 0.135]',
-            'anchorage: [0.45, here, 0.135]',
-            "sections.anchorage is [0.45, 'here', 0.135], expected a list of values of one type",
-        ),
-        (
-            '    stations: 101',
-            '    markers_rate: 1.0e-11',
-            'markers_rate is 1e-11, expected 0, or at least 1e-06 [Hz]',
-        ),
-    ],
-)
-def test_errors_name_value_and_expectation(tmp_path, old, new, message):
+# What is in the file of table 4, what instead, and what is said of it.
+WRONG = """
+stations: 101 => solve_budget.iterations: 0 => solve budget: iterations is 0, expected a number > 0
+youngs_modulus: => young_modulus: => material.young_modulus is no parameter of the arm; did you \
+mean material.youngs_modulus?
+stations: 101 => zzz: 1 => zzz is no parameter of the arm; known are model,\x20
+stations: 101 => stations: 101.5 => stations is 101.5, expected integer
+stations: 101 => stations: true => stations is True, expected integer
+stations: 101 => stations: many => stations is 'many', expected integer
+model: renda2012 => model: 2012 => model is 2012, expected string
+base_frame: arm_base => base_frame: '' => base_frame is '', expected the name of a fr
+base_frame: arm_base => base_frame: /a => base_frame is '/a', expected no / at its
+base_frame: arm_base => frame_prefix: /a => frame_prefix is '/a', expected no / at its
+length: 0.45 => length: '0.45' => body.length is '0.45', expected double
+length: 0.45 => length: [0.45] => body.length is [0.45], expected double
+length: 0.45 => length: yes => body.length is True, expected double
+length: 0.45 => length: => body.length has no value
+length: 0.45 => length: {m: 1} => body.length.m is no parameter of the arm; did you me
+[0.45, 0.315, 0.135] => 0.45 => sections.anchorage is 0.45, expected double[], as [0.45]
+[0.45, 0.315, 0.135] => [0.45, here, 0.135] => sections.anchorage is [0.45, 'here', 0.135], \
+expected a list of values of one type
+stations: 101 => markers_rate: 1.0e-11 => markers_rate is 1e-11, expected 0, or at least 1e-06 [Hz]
+"""
+
+
+@pytest.mark.parametrize('line', WRONG.strip().split('\n'))
+def test_errors_name_value_and_expectation(tmp_path, line):
+    old, new, message = line.split(' => ')
     with pytest.raises(ConfigError) as refusal:
         read(tmp_path, changed(old, new))
     assert str(refusal.value).startswith(f'{tmp_path / "arm.yaml"}: {message}')

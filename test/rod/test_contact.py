@@ -7,24 +7,21 @@ import numpy as np
 import pytest
 from differences import jacobian
 from rods import UNIFORM as ROD
-from rods import energy
+from rods import cylinder, energy
 
 from octo_arm_model import (
     Arm,
     ArmDefinitionError,
-    Body,
     ConfigError,
     ConvergenceError,
     Cylinder,
     Dynamics,
     Inputs,
     Loads,
-    Material,
     MotionProperties,
     Plane,
     Pose,
     RectangularBody,
-    Section,
     SolveError,
     Solver,
     Sphere,
@@ -77,17 +74,12 @@ def test_rod_above_a_floor_touches_it_beyond_its_free_span(gap, stiffness):
     assert depth == pytest.approx(WEIGHT / (2.0 * RADIUS * stiffness), rel=1e-3)
 
 
-def slender(radius: float, length: float = 1.0, young: float = 1e7) -> Arm:
-    sections = (Section(length, 0.5 * radius, 0.5 * radius, angles=(0.0, math.pi)),)
-    return Arm(Material(young, 0.5, 1000.0), Body(length, radius, radius), sections)
-
-
 def arm_around_a_post(young: float) -> tuple[Arm, Cylinder, float]:
     """Return an arm of 2 mm, a post above it, and a force 30 E J / r^2 that wraps the arm."""
     radius, post = 2e-3, 0.04
     force = 30.0 * young * 0.25 * math.pi * radius**4 / (post + radius) ** 2
-    cylinder = Cylinder((0.2, post + radius, 0.0), (0.0, 0.0, 1.0), post, stiffness=1e7)
-    return slender(radius, LENGTH, young), cylinder, force
+    round_post = Cylinder((0.2, post + radius, 0.0), (0.0, 0.0, 1.0), post, stiffness=1e7)
+    return cylinder(LENGTH, radius, young), round_post, force
 
 
 def test_arm_around_a_post_has_the_curvature_of_the_post():
@@ -169,7 +161,7 @@ def test_arm_that_a_tendon_pulls_away_is_found_though_a_ball_is_where_it_is_unlo
 
 @pytest.mark.parametrize('at', [0.4, 0.4004, 0.4008])
 def test_slender_arm_does_not_pass_through_an_equally_thin_post(at):
-    arm, radius = slender(1e-3), 1e-3
+    arm, radius = cylinder(1.0, 1e-3, 1e7), 1e-3
     force = 1e7 * 0.25 * math.pi * radius**4
     post = Cylinder((at, 3.0 * radius, 0.0), (0.0, 0.0, 1.0), radius, stiffness=1e7)
     loads = Loads(tip_force=(0.0, force, 0.0), obstacles=(post,))
@@ -182,7 +174,7 @@ def test_slender_arm_does_not_pass_through_an_equally_thin_post(at):
 
 def test_invalid_obstacles_are_refused():
     with pytest.raises(ArmDefinitionError, match=r'radius of the arm .* is 5e-05, expected at l'):
-        Solver(slender(5e-5), 'exact', loads=Loads(obstacles=(floor(0.1, 1e6),)))
+        Solver(cylinder(1.0, 5e-5), 'exact', loads=Loads(obstacles=(floor(0.1, 1e6),)))
     ball = Sphere((0.2, 0.0, 0.1), 0.05, stiffness=1e6)
     with pytest.raises(SolveError, match=r'inside loads.obstacles\[0\] at s = 0\.2'):
         solver_of(Sphere((0.2, 0.0, 0.03), 0.05, stiffness=1e-3)).solve(SLACK)
@@ -322,7 +314,7 @@ def test_bounce_of_an_undamped_arm_conserves_energy():
 def test_damped_arm_on_obstacles_comes_to_rest_in_the_static_equilibrium():
     ball = Sphere((0.3, 0.02, 0.0), 0.02, stiffness=1e6)
     loads = Loads(gravity=(0.0, 0.5, -3.0), obstacles=(floor(0.02, 1e6), ball))
-    stiff_arm = dataclasses.replace(ROD, material=Material(1e6, 0.5, 1000.0))
+    stiff_arm = cylinder(young=1e6)
     solver = Solver(stiff_arm, 'exact', 21, material='linear', loads=loads, accuracy=1e-5)
     dynamics = Dynamics(solver, MotionProperties(damping_time=0.2))
     state = dynamics.at_rest(Inputs([[1.0, 0.0]]))

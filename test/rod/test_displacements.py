@@ -11,7 +11,7 @@ from differences import jacobian
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from rods import PULL, helical_arm, tendon_points
+from rods import PULL, cylinder, helical_arm, tendon_points
 from strategies import fractions, loaded_arms
 
 from octo_arm_model import (
@@ -249,14 +249,8 @@ HELICAL = helical_arm(
 def test_stretch_with_friction_equals_the_closed_form(mu):
     young, radius, length, offset, pull = 1e5, 0.01, 0.4, 0.006, 3.0
     axial_stiffness, free_length = 200.0, 0.5
-    arm = Arm(
-        Material(young, 0.5),
-        Body(length, radius, radius),
-        (Section(length, offset, offset, angles=(0.0,)),),
-        friction=(mu,),
-        axial_stiffness=(axial_stiffness,),
-        free_length=(free_length,),
-    )
+    stretch = {'axial_stiffness': (axial_stiffness,), 'free_length': (free_length,)}
+    arm = cylinder(length, radius, young, (0.0,), friction=(mu,), **stretch)
     solver = Solver(arm, 'exact', material='linear')
     backbone = solver.solve([[pull]])
     # T = 1 / (1 / T_0 + rate s), with the curvature T y / (E J) and the strain -T / (E A).

@@ -40,12 +40,7 @@ GRAVITY = Loads(gravity=(0.0, 0.0, -9.81))
 
 def uniform(angles: tuple[float, ...] = (0.0,), friction: float = MU) -> Arm:
     """Return a cylinder with parallel tendons at ``angles``."""
-    return Arm(
-        Material(YOUNG, 0.5, 1080.0),
-        Body(LENGTH, RADIUS, RADIUS),
-        (Section(LENGTH, OFFSET, OFFSET, angles=angles),),
-        friction=len(angles) * (friction,),
-    )
+    return rods.cylinder(LENGTH, RADIUS, YOUNG, angles, friction=(friction,))
 
 
 # The law in closed form -------------------------------------------------------------------------

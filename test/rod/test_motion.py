@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from rods import HELICAL, METAL, energy, helical_arm
+from rods import HELICAL, METAL, cylinder, energy, helical_arm
 from rods import PULL as REACH
 from rods import UNIFORM as ROD
 from scipy.integrate import trapezoid
@@ -215,8 +215,7 @@ def test_drag_equals_the_weight_at_the_terminal_speed():
 def test_rotating_rod_has_the_stretch_of_its_centrifugal_force():
     # E A r'' = -rho A omega^2 r with r(0) = 0 and r'(L) = 1.
     omega, dt, angle = 12.0, 4e-3, 0.0
-    arm = dataclasses.replace(ROD, material=Material(1e6, 0.5, 1000.0))
-    dynamics = Dynamics(Solver(arm, 'exact', material='linear'), SETTLING)
+    dynamics = Dynamics(Solver(cylinder(young=1e6), 'exact', material='linear'), SETTLING)
     state = dynamics.at_rest(Inputs([[0.0, 0.0]]))
     for number in range(1, 1751):
         angle += omega * dt * min(number * dt / 4.0, 1.0)
@@ -378,9 +377,7 @@ def test_long_step_is_divided():
 def test_large_soft_arm_moves_as_a_small_stiff_one_in_short_steps():
     tips = []
     for size, stress in ((1.0, 1.0), (8.0, 2.0**-6)):
-        body = Body(0.45 * size, 0.01 * size, 0.01 * size)
-        section = Section(0.45 * size, 0.006 * size, 0.006 * size, angles=(0.0, math.pi))
-        arm = Arm(Material(1e5 * stress, 0.5, 1000.0), body, (section,))
+        arm = cylinder(0.45 * size, 0.01 * size, 1e5 * stress)
         dynamics = Dynamics(Solver(arm, 'exact', stations=5))
         inputs = Inputs([[0.1 * size**2 * stress, 0.0]])
         dt = 1e-5 * size / math.sqrt(stress)
