@@ -14,13 +14,10 @@ from operator import getitem
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import numpy as np
 import pytest
 import yaml
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-
-import lz4.frame
 from recordings import (
     START,
     TENDON_TENSIONS,

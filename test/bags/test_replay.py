@@ -330,15 +330,6 @@ def test_without_a_description_the_arm_must_be_given(tmp_path, cli):
     other = write_bag(tmp_path / 'other', content)
     assert f"{other}, /arm_description: base_frame is ''" in cli.refused('replay', other, out)
     assert cli('replay', bag, out, '--config', 'renda2012_table4')[0] == 0
-    inside, before = str(bag / 'shapes'), sorted(bag.iterdir())
-    for words in (
-        [inside],
-        [str(tmp_path / 'new'), '--csv', inside],
-        [str(tmp_path / 'new'), '--csv', str(bag)],
-    ):
-        given = *words, '--config', 'renda2012_table4'
-        assert 'which stays as it is' in cli.refused('replay', bag, *given)
-    assert sorted(bag.iterdir()) == before
 
 
 # However it ends --------------------------------------------------------------------------------

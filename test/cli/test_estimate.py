@@ -5,12 +5,10 @@ import dataclasses
 import json
 import re
 
+import experiments
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-
-pytest.importorskip('rosbags', reason='needs rosbags')
-import experiments
 
 from octo_arm_model.bags import outputs
 from octo_arm_model.bags.reader import BagReader

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-
-pytest.importorskip('rosbags', reason='needs rosbags')
 from recordings import header, make, point, pose
 from scipy.spatial.transform import Rotation
 

@@ -4,6 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+
+pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
+pytest.importorskip('tf2_msgs', reason='needs tf2_msgs')
+pytest.importorskip('visualization_msgs', reason='needs visualization_msgs')
 from backbone_messages import messages_of
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
@@ -27,11 +31,6 @@ from octo_arm_model.ros.topics import pose_message
 from octo_arm_model.wire.backbone import BackboneWriter, TensionProfilesWriter, read_poses
 from octo_arm_model.wire.estimate import read_covariance
 from octo_arm_model.wire.markers import FramesWriter, MarkersWriter, UncertaintyMarkersWriter
-
-pytest.importorskip('octo_arm_msgs', reason='needs the message package, see make test')
-pytest.importorskip('rclpy', reason='needs ROS 2')
-pytest.importorskip('visualization_msgs', reason='needs visualization_msgs')
-
 
 CONFIG = load_config('renda2012_table4')
 # Without NUL and surrogates, which messages cannot have; other tests cover them.
