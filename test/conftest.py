@@ -1,6 +1,5 @@
 """Settings of all tests, and fixtures of solvers without ROS."""
 
-import contextlib
 import os
 import signal
 from collections.abc import Iterator
@@ -62,9 +61,9 @@ def pytest_configure(config: pytest.Config) -> None:
             handler = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
             signal.signal(number, handler)
     # Tests without a domain of their own use that of this process.
-    domain = contextlib.ExitStack()
-    os.environ['ROS_DOMAIN_ID'] = str(domain.enter_context(ros_domains.reserved_domain()))
-    config.add_cleanup(domain.close)
+    domain, mark = ros_domains.reserve()
+    os.environ['ROS_DOMAIN_ID'] = str(domain)
+    config.add_cleanup(mark.close)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -28,7 +28,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_domains import new_domain, reserved_domain
+from ros_domains import new_domain
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -116,14 +116,14 @@ def _of_ros(files, arguments, parameters):
     return ['--ros-args', *file_arguments, *map(str, arguments), *parameter_arguments(by_name)]
 
 
-def start_node(module, domain, *arguments, files=(CONFIG_FILE,), **parameters):
+def start_node(module, domain, files=(CONFIG_FILE,), **parameters):
     """Run a node as a process."""
-    return start(module, *_of_ros(files, arguments, parameters), domain=domain)
+    return start(module, *_of_ros(files, (), parameters), domain=domain)
 
 
-def stop(process, how=signal.SIGINT):
-    """End a process by a signal; return its stderr."""
-    process.send_signal(how)
+def stop(process):
+    """End a process by Ctrl-C; return its stderr."""
+    process.send_signal(signal.SIGINT)
     return check_end(process, 0)
 
 
@@ -415,36 +415,27 @@ class NodeClient(RosClient):
 
 
 @contextlib.contextmanager
-def running(
-    module,
-    *arguments,
-    files=(CONFIG_FILE,),
-    client=NodeClient,
-    node='octo_arm',
-    domain=None,
-    **parameters,
-):
-    """Run a node in a domain of its own or a given one; its client has the ``process``.
+def running(module, files=(CONFIG_FILE,), client=NodeClient, node='octo_arm', **parameters):
+    """Run a node in a domain of its own; its client has the ``process``.
 
-    Parameters are given by name with `__` for `.`, other ``arguments`` are those of ROS.
+    Parameters are given by name with `__` for `.`.
     """
-    given = contextlib.nullcontext(domain)
-    with reserved_domain() if domain is None else given as domain:
-        process = start_node(module, domain, *arguments, files=files, **parameters)
-        connected = client(domain, node)
-        connected.process = process
-        try:
-            yield connected
-            if process.returncode is None:  # otherwise the test has waited for the end
-                assert process.poll() is None, process.communicate()[1]
-        except BaseException:
-            process.kill()
-            process.communicate()
-            raise
-        finally:
-            connected.close()
-        if process.returncode is None:
-            stop(process)
+    domain = new_domain()
+    process = start_node(module, domain, files=files, **parameters)
+    connected = client(domain, node)
+    connected.process = process
+    try:
+        yield connected
+        if process.returncode is None:  # otherwise the test has waited for the end
+            assert process.poll() is None, process.communicate()[1]
+    except BaseException:
+        process.kill()
+        process.communicate()
+        raise
+    finally:
+        connected.close()
+    if process.returncode is None:
+        stop(process)
 
 
 @contextlib.contextmanager
@@ -453,8 +444,9 @@ def hosting(
 ):
     """Run a node in this process, which works while its client waits; otherwise like `running`.
 
-    It takes a tenth of the processor time of a new process, which imports all modules again. In a
-    process only the first node of a name publishes to /rosout.
+    Other ``arguments`` are those of ROS, ``domain`` is a given one. It takes a tenth of the
+    processor time of a new process, which imports all modules again. In a process only the first
+    node of a name publishes to /rosout.
     """
     node = node or _OTHERS.get(make_node, 'octo_arm')
     client = client or (RosClient if make_node in _OTHERS else NodeClient)

@@ -5,12 +5,10 @@ Unix socket; the process that has bound its name owns the domain, at most until 
 names are visible in the same network namespace as the ports of DDS.
 """
 
-import contextlib
 import errno
 import itertools
 import os
 import socket
-from collections.abc import Iterator
 
 _NAME = '\0octo_arm_model ROS domain {}'  # the leading 0 makes an abstract name on Linux
 _LARGEST = 100  # larger domains have ports in the ephemeral range of Linux
@@ -19,7 +17,7 @@ _turn = itertools.count(7 * os.getpid())
 _of_this_file: list[socket.socket] = []
 
 
-def _reserve() -> tuple[int, socket.socket]:
+def reserve() -> tuple[int, socket.socket]:
     """Reserve a free domain; return it with the socket that releases it when closed.
 
     Raises:
@@ -39,17 +37,9 @@ def _reserve() -> tuple[int, socket.socket]:
     raise RuntimeError(f'all {_LARGEST} ROS domains are reserved by tests that run')
 
 
-@contextlib.contextmanager
-def reserved_domain() -> Iterator[int]:
-    """Reserve a ROS domain for the context."""
-    domain, mark = _reserve()
-    with mark:
-        yield domain
-
-
 def new_domain() -> int:
     """Reserve a ROS domain until the end of the test file, or of this process."""
-    domain, mark = _reserve()
+    domain, mark = reserve()
     _of_this_file.append(mark)
     return domain
 
