@@ -21,7 +21,6 @@ the hypothesis that doubts nothing while all load cells are doubted, as tensions
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +41,6 @@ _MOST = 16.0  # largest contradiction of a hypothesis [nat]; it decays in three 
 CONTRADICTED = 8.0  # contradiction from which a hypothesis restarts from the leader's state
 _LATELY = 1000  # number of updates over which agreements are averaged
 _HYSTERESIS = 1.0  # by which another hypothesis has to be more probable than the leader [nat]
-_SHARE_EVALUATIONS = 4  # largest number of evaluations for one hypothesis among several
 _FAR = 0.02  # displacement of the tip from which an open hypothesis is searched, over the length
 _START_FRACTIONS = 0.1, 0.3, 0.7  # unknown tensions to search from, over the prior's deviation
 _SEARCH_EVALUATIONS = 5  # evaluations that have to be left for a search from there
@@ -61,7 +59,7 @@ class Bank(NamedTuple):
         covariance: covariance of the state by each, (hypotheses, n, n).
         contradiction: contradiction of each [nat], (hypotheses,).
         leader: index of the most probable one, whose state is published.
-        heard: sensors other than load cells that have measured so far.
+        heard: sensors that have measured so far.
         agreement: mean ratio of the bias that innovations caused in the mode to the expected one,
             and the inverse of its variance; 0 +- 1 before any.
         is_open: which are not compared near their own shape yet: they doubt a load cell, or use
@@ -81,6 +79,11 @@ class Bank(NamedTuple):
     def leading(self) -> Gaussian:
         """The distribution of the state by the leader."""
         return self.hypothesis(self.leader)
+
+    @property
+    def has_cells(self) -> bool:
+        """Whether a load cell has measured so far."""
+        return any(name.startswith(LOAD_CELL) for name in self.heard)
 
     @property
     def shift_weight(self) -> float:
@@ -141,11 +144,15 @@ class BankUpdate(NamedTuple):
 
 
 class BankFilter:
-    """The update of the hypotheses of one arm by the measurements of one time."""
+    """The update of the hypotheses of one arm by the measurements of one time.
+
+    Attributes:
+        model: the model of the arm.
+    """
 
     def __init__(self, model: ArmModel, rules: Rules) -> None:
         """Prepare the update for a ``model`` by ``rules``."""
-        self._model, self._rules = model, rules
+        self.model, self._rules = model, rules
         names = model.arm.tendon_names
         # Component of the state with the tension of each load cell.
         self._tension = {f'{LOAD_CELL} {name}': index for index, name in enumerate(names)}
@@ -167,7 +174,7 @@ class BankFilter:
         total[bank.leader] -= _HYSTERESIS
         leader = int(total.argmin())
         means = bank.mean.copy()
-        means[leader] = mean = nearest_possible(self._model, bank.hypothesis(leader))
+        means[leader] = mean = nearest_possible(self.model, bank.hypothesis(leader))
         # If no work is left, the shape nearby is moved to the mean to first order.
         if prediction.work.is_left() or prediction.shape is None:
             prediction = prediction.solved_at(mean)
@@ -191,8 +198,9 @@ class BankFilter:
         # from the expected shape, as after a sudden touch, is too inaccurate for that.
         best, exact, is_open = bank.leader, dict[int, Fit](), bank.is_open.copy()
         update: BankUpdate | None = None
+        share = (prediction.work.evaluations + 1) // 2  # of one hypothesis among several
         while True:
-            most = 1 if is_lost and not exact else _SHARE_EVALUATIONS
+            most = 1 if is_lost and not exact else share
             start = self._nearest(bank, best, rows, prediction) if is_open[best] else prediction
             is_first = is_new and not is_open[best]
             try:
@@ -214,7 +222,7 @@ class BankFilter:
                 continue
             # Then those of the open ones whose shapes are far from that.
             displacement = (update.mean - prediction.x) @ prediction.change.tip[:3].T
-            is_far = np.linalg.norm(displacement, axis=1) > _FAR * self._model.arm.length
+            is_far = np.linalg.norm(displacement, axis=1) > _FAR * self.model.arm.length
             is_open &= is_far | (update.cost >= CONTRADICTED)
             is_open[list(exact)] = False
             if not is_open.any() or prediction.work.evaluations < _SEARCH_EVALUATIONS:
@@ -233,7 +241,7 @@ class BankFilter:
     def _nearest(self, bank: Bank, number: int, rows: Rows, near: Prediction) -> Prediction:
         """Return the best of ``near`` and states with some values of a doubted tension."""
         doubted = [self._tension[name] for name in bank.doubts[number] & self._cells]
-        x = nearest_possible(self._model, bank.hypothesis(number))
+        x = nearest_possible(self.model, bank.hypothesis(number))
         best, least = near, square_of(rows.innovation(near), rows.noise_root)
         for fraction in _START_FRACTIONS[: None if doubted else 1]:
             x = x.copy()
@@ -318,15 +326,16 @@ class BankFilter:
         covariance = (fit.known.root @ fit.known.root.T)[np.newaxis]
         return fit, update._replace(mean=fit.known.mean[np.newaxis], covariance=covariance)
 
-    def with_suspected_sensors(self, bank: Bank, heard: Sequence[str]) -> tuple[Bank, list[int]]:
-        """Add hypotheses that one sensor is wrong; return the bank and the sources of all.
+    def with_suspected_sensors(self, bank: Bank, heard: Doubts) -> Bank:
+        """Return the ``bank`` with hypotheses that one of the sensors ``heard`` is wrong.
 
-        Load cells are suspected once another sensor is ``heard``, which can show their errors.
+        Load cells are suspected once another sensor is heard, which can show their errors.
         """
-        sensors = bank.heard | frozenset(heard)
-        if not self._rules.doubts_any or sensors == bank.heard:
-            return bank, list(range(len(bank.doubts)))
-        return self._neighbours(bank._replace(heard=sensors), bank.doubts[bank.leader])
+        sensors = bank.heard | heard
+        is_same, bank = sensors == bank.heard, bank._replace(heard=sensors)
+        if is_same or not self._rules.doubts_any or sensors <= self._cells:
+            return bank
+        return self._neighbours(bank, bank.doubts[bank.leader])
 
     def without_contradicted(self, bank: Bank) -> Bank:
         """Restart contradicted hypotheses from the state of the leader."""
@@ -337,7 +346,7 @@ class BankFilter:
         is_lost = bank.contradiction >= CONTRADICTED
         if is_lost[bank.leader] and is_single and not bank.is_open.any():
             # One wrong load cell does not explain the measurements, but two may.
-            bank, _ = self._neighbours(bank, doubts)
+            bank = self._neighbours(bank, doubts)
             is_lost = bank.contradiction >= CONTRADICTED
         is_lost |= np.array([names == cells for names in bank.doubts])
         is_lost[bank.leader] = False
@@ -368,7 +377,7 @@ class BankFilter:
         if not doubted:
             return _NO_DOUBTS, ()
         weight, suspects = self._weight(bank), []
-        sensors = sorted(frozenset().union(*bank.doubts))
+        sensors = sorted(bank.heard.intersection(frozenset().union(*bank.doubts)))
         doubting = {name: np.array([name in names for names in bank.doubts]) for name in sensors}
         possible = doubted & self._cells if is_common else doubted
         refused = frozenset(name for name in possible if weight[doubting[name]].sum() > 0.5)
@@ -396,16 +405,16 @@ class BankFilter:
         weight = np.exp(total.min() - total)
         return np.asarray(weight / weight.sum())
 
-    def _neighbours(self, bank: Bank, root: Doubts) -> tuple[Bank, list[int]]:
-        """Return the hypotheses with one doubt more or less than ``root``, and their sources."""
+    def _neighbours(self, bank: Bank, root: Doubts) -> Bank:
+        """Return the hypotheses with one doubt more or less than ``root``."""
         rules, leading = self._rules, bank.doubts[bank.leader]
-        suspects = sorted(self._cells) if rules.cell_fault else []
+        suspects = sorted(self._cells & bank.heard) if rules.cell_fault else []
+        all_cells = [self._cells] if suspects else []
         if rules.sensor_fault and not root:
             # All other sensors are not doubted at once: then the state of the arm is wrong.
-            suspects += sorted(bank.heard)
+            suspects += sorted(bank.heard - self._cells)
         sets = [root, leading, _NO_DOUBTS, *(root - {name} for name in sorted(root))]
-        sets += [root | {name} for name in suspects]
-        sets += [self._cells] if rules.cell_fault else []
+        sets += [*(root | {name} for name in suspects), *all_cells]
         doubts = tuple(dict.fromkeys(sets))
         numbers = {names: number for number, names in enumerate(bank.doubts)}
         sources = [numbers.get(names, bank.leader) for names in doubts]
@@ -419,11 +428,11 @@ class BankFilter:
             leader=doubts.index(leading),
             is_open=np.where(is_new, is_cell & (not root), bank.is_open[sources]),
         )
-        return self._widened(neighbours, is_new), sources
+        return self._widened(neighbours, is_new)
 
     def _widened(self, bank: Bank, is_new: NDArray[np.bool_]) -> Bank:
         """Return the ``bank``, whose new hypotheses forget what their doubted sensors measured."""
-        leader_doubts, state = bank.doubts[bank.leader], self._model.state
+        leader_doubts, state = bank.doubts[bank.leader], self.model.state
         is_forgotten = np.zeros(bank.mean.shape, dtype=bool)
         for number in np.flatnonzero(is_new):
             doubts = bank.doubts[number]
@@ -435,8 +444,9 @@ class BankFilter:
             if leader_doubts == self._cells != doubts:
                 # The leader does not know the tensions, which load cells measure again.
                 is_forgotten[number, state.tension] = True
-        wide = (is_forgotten * self._prior**2)[..., np.newaxis] * np.eye(state.size)
-        return bank._replace(covariance=bank.covariance + wide)
+        prior = (is_forgotten * self._prior**2)[..., np.newaxis] * np.eye(state.size)
+        is_known = ~(is_forgotten[:, np.newaxis] | is_forgotten[..., np.newaxis])
+        return bank._replace(covariance=is_known * bank.covariance + prior)
 
 
 def _updated(bank: Bank, update: BankUpdate) -> Bank:

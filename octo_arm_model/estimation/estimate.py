@@ -52,7 +52,7 @@ class Estimate:
         contradicted_since: time since which even the leader is contradicted [s]; None if it isn't.
         patience: factor on the time until a contradicted estimate begins anew.
         common_fault: the possibility of a fault that several sensors have in common.
-        begins_anew: whether it depends on the prior and its own measurements alone.
+        begins_anew: whether the one before was contradicted, so that it began from the prior.
     """
 
     time: float
@@ -177,33 +177,15 @@ class Estimate:
         return self.mean[self.state.point_forces].reshape(-1, 3)
 
     @functools.cached_property
-    def unobserved(self) -> tuple[UnobservedDirection, ...]:
-        """Directions of the state that no measurement has determined so far."""
-        prior, names = self.prior_stddev, self.state.names
-        _, ratios, axes = np.linalg.svd((self.root / prior[:, np.newaxis]).T, full_matrices=False)
-        return tuple(
-            UnobservedDirection(float(ratio), direction * prior, _in_words(direction, names))
-            for ratio, direction in zip(ratios, axes, strict=True)
-            if ratio >= _UNOBSERVED
-        )
+    def unobserved(self) -> tuple[str, ...]:
+        """Directions of the state that no measurement has determined so far, in words."""
+        ratio = self.root / self.prior_stddev[:, np.newaxis]
+        _, ratios, axes = np.linalg.svd(ratio.T, full_matrices=False)
+        return tuple(_in_words(axis, self.state.names) for axis in axes[ratios >= _UNOBSERVED])
 
 
 _UNOBSERVED = 0.99  # ratio of posterior to prior deviation from which a direction is unobserved
 _LEAST = 0.1  # least component of a direction in its words, over the largest one
-
-
-class UnobservedDirection(NamedTuple):
-    """A direction of the state that no measurement has determined, so that it keeps its prior.
-
-    Attributes:
-        ratio: ratio of the standard deviation in this direction to that of the prior [-].
-        direction: change of the state by one standard deviation of the prior, (n,).
-        reason: the direction in words.
-    """
-
-    ratio: float
-    direction: FloatArray
-    reason: str
 
 
 def _in_words(axis: FloatArray, names: Sequence[str]) -> str:
@@ -278,7 +260,7 @@ def next_estimate(
     work = work or Work(EVALUATIONS, ITERATIONS)
     try:
         with np.errstate(all='ignore'):  # an overflow makes the estimate not finite, see below
-            estimate = _Step(model, last, time, rules, work).estimate(measurements, near)
+            estimate = _next(model, last, time, measurements, rules, near, work)
         for part in (estimate.mean, estimate.root, estimate.log_likelihood):
             if not np.isfinite(part).all():
                 raise np.linalg.LinAlgError('the estimate is not finite')
@@ -294,110 +276,117 @@ def next_estimate(
     return estimate
 
 
-class _Step:
-    """The step from the last estimate to one time."""
-
-    def __init__(
-        self, model: ArmModel, last: Estimate | None, time: float, rules: Rules, work: Work
-    ) -> None:
-        self._model, self._last, self._time, self._rules = model, last, time, rules
-        is_lost = last is not None and last.is_lost(time, rules.recover_after)
-        # An estimate that begins anew is a first one, but for its patience and common fault.
-        self._earlier = None if is_lost else last
-        if self._earlier is None:
-            work.evaluations, work.iterations = _FIRST * work.evaluations, _FIRST * work.iterations
-        self._work, self._filter = work, BankFilter(model, rules)
-
-    def estimate(self, measurements: tuple[Measurement, ...], near: Estimate | None) -> Estimate:
-        """Return the estimate after ``measurements``; begin the search at ``near``, if any."""
-        time, last, earlier = self._time, self._last, self._earlier
-        bank, prediction, parts = self._updated(measurements, near)
-        leader, since = bank.leader, None
-        if bank.contradiction[leader] >= CONTRADICTED:
-            before = None if earlier is None else earlier.contradicted_since
-            since = time if before is None else before
-        used = [np.flatnonzero(update.is_used[leader]) for _, update in parts]
-        square = sum(float(update.square[leader]) for _, update in parts)
-        innovations = _innovations(parts, leader, prediction)
-        unused = [item for item in innovations if not item.is_accepted]
-        # Twice the logarithm of the denominator of the density of all numbers. Those that are not
-        # used have one too: else their units would decide between places of contact.
-        expected = [2.0 * np.pi * update.expected[leader] for _, update in parts]
-        volume = sum(float(np.linalg.slogdet(covariance)[1]) for covariance in expected)
-        volume += sum(chi_square_limit(self._rules.gate, item.value.size) for item in unused)
-        judged, bank = bank, self._filter.without_contradicted(bank)
-        known, fault = self._filter.mixture(bank), CommonFault()
-        if last is not None and self._rules.doubts_any:
-            elapsed = time - last.time
-            before_it = self._model.state.later(last.bank.leading, elapsed)
-            names = {name for rows, _ in parts for name in rows.channels(prediction)}
-            heard = frozenset(name for name in names if not name.startswith(LOAD_CELL))
-            fault = last.common_fault.after(
-                elapsed,
-                before_it,
-                prediction,
-                known.mean - before_it.mean,
-                heard,
-                frozenset(item.name for item in unused),
-            )
-        is_common = fault.earlier is not None
-        doubted, suspects = self._filter.doubted_and_suspects(judged, is_common=is_common)
-        uncertain = judged.doubts[leader] - doubted
-        return Estimate(
-            time,
-            time if earlier is None else earlier.first,
-            measurements,
-            bank,
-            fault.mixture(known),
+def _next(
+    model: ArmModel,
+    last: Estimate | None,
+    time: float,
+    measurements: tuple[Measurement, ...],
+    rules: Rules,
+    near: Estimate | None,
+    work: Work,
+) -> Estimate:
+    """Return the next estimate, without a check that its numbers are finite."""
+    is_lost = last is not None and last.is_lost(time, rules.recover_after)
+    # What other sensors say about tensions is linearised about a state that load cells may show to
+    # be far from the true one. So the first reading of load cells is used with the prior.
+    has_first_cells = (
+        last is not None
+        and not last.bank.has_cells
+        and any(measurement.is_linear for measurement in measurements)
+    )
+    earlier = None if is_lost or has_first_cells else last
+    if earlier is None:
+        work.evaluations, work.iterations = _FIRST * work.evaluations, _FIRST * work.iterations
+    bank_filter, bank = BankFilter(model, rules), new_bank(model)
+    if earlier is not None:
+        bank = earlier.bank.after(model, time - earlier.time)
+    # If no work is left, the shape is the one that was solved for a state nearby.
+    start = earlier if work.is_left() else near or earlier
+    bank, prediction, parts = _updated(bank_filter, bank, start, measurements, work)
+    leader, since = bank.leader, None
+    if bank.contradiction[leader] >= CONTRADICTED:
+        before = None if earlier is None else earlier.contradicted_since
+        since = time if before is None else before
+    used = [np.flatnonzero(update.is_used[leader]) for _, update in parts]
+    square = sum(float(update.square[leader]) for _, update in parts)
+    innovations = _innovations(parts, leader, prediction)
+    unused = [item for item in innovations if not item.is_accepted]
+    # Twice the logarithm of the denominator of the density of all numbers. Those that are not
+    # used have one too: else their units would decide between places of contact.
+    expected = [2.0 * np.pi * update.expected[leader] for _, update in parts]
+    volume = sum(float(np.linalg.slogdet(covariance)[1]) for covariance in expected)
+    volume += sum(chi_square_limit(rules.gate, item.value.size) for item in unused)
+    judged, bank = bank, bank_filter.without_contradicted(bank)
+    known, fault = bank_filter.mixture(bank), CommonFault()
+    if last is not None and not has_first_cells and rules.doubts_any:
+        elapsed = time - last.time
+        before_it = model.state.later(last.bank.leading, elapsed)
+        names = {name for rows, _ in parts for name in rows.channels(prediction)}
+        fault = last.common_fault.after(
+            elapsed,
+            before_it,
             prediction,
-            tuple(item for item in innovations if item.is_accepted or item.name not in uncertain),
-            tuple(rows.subset(index) for (rows, _), index in zip(parts, used) if len(index)),
-            (square, sum(map(len, used))),
-            -0.5 * (square + volume),
-            doubted,
-            suspects,
-            since,
-            # The time until it begins anew doubles each time.
-            1 if last is None else (1 + (earlier is None)) * last.patience,
-            fault,
-            earlier is not last,
+            known.mean - before_it.mean,
+            frozenset(name for name in names if not name.startswith(LOAD_CELL)),
+            frozenset(item.name for item in unused),
         )
+    is_common = fault.earlier is not None
+    doubted, suspects = bank_filter.doubted_and_suspects(judged, is_common=is_common)
+    uncertain = judged.doubts[leader] - doubted
+    return Estimate(
+        time,
+        time if last is None or is_lost else last.first,
+        measurements,
+        bank,
+        fault.mixture(known),
+        prediction,
+        tuple(item for item in innovations if item.is_accepted or item.name not in uncertain),
+        tuple(rows.subset(index) for (rows, _), index in zip(parts, used) if len(index)),
+        (square, sum(map(len, used))),
+        -0.5 * (square + volume),
+        doubted,
+        suspects,
+        since,
+        # The time until it begins anew doubles each time.
+        1 if last is None else (1 + is_lost) * last.patience,
+        fault,
+        is_lost,
+    )
 
-    def _updated(
-        self, measurements: Sequence[Measurement], near: Estimate | None
-    ) -> tuple[Bank, Prediction, _Parts]:
-        """Return the updated hypotheses, a prediction of the leader, and all partial updates."""
-        model, earlier, bank_filter = self._model, self._earlier, self._filter
-        # If no work is left, the shape is the one that was solved for a state nearby.
-        start = earlier if self._work.is_left() else near or earlier
-        bank = new_bank(model)
-        if earlier is not None:
-            bank = earlier.bank.after(model, self._time - earlier.time)
-        mean = bank.mean[bank.leader]
-        guess = Prediction(model, mean, None) if start is None else start.prediction
-        guess.work = self._work  # the budget of this message, not of an earlier one
-        prediction = Prediction(model, mean, guess.shape, self._work)
-        linear, nonlinear = (
-            [entry for entry in measurements if entry.is_linear is is_linear]
-            for is_linear in (True, False)
-        )
-        parts: _Parts = []
-        if linear:
-            rows = Rows(linear)
-            bank, update = bank_filter.with_linear(bank, rows, prediction)
-            parts.append((rows, update))
-        if not nonlinear:
-            return *bank_filter.with_leader(bank, guess), parts
-        rows = Rows(nonlinear)
-        bank, sources = bank_filter.with_suspected_sensors(bank, rows.channels(prediction))
-        parts = [
-            (entry, BankUpdate._make(values[sources] for values in update))
-            for entry, update in parts
-        ]
-        if start is None:  # readings of slack tendons may be negative, but tensions are not
-            guess = Prediction(model, nearest_possible(model, bank.leading), None, self._work)
-        bank, update, prediction = bank_filter.with_shapes(bank, rows, guess, is_new=start is None)
-        return bank, prediction, [*parts, (rows, update)]
+
+def _updated(
+    bank_filter: BankFilter,
+    bank: Bank,
+    start: Estimate | None,
+    measurements: Sequence[Measurement],
+    work: Work,
+) -> tuple[Bank, Prediction, _Parts]:
+    """Return the updated hypotheses, a prediction of the leader, and all partial updates.
+
+    The search begins at the state of the estimate ``start``, or at the mean if that is None.
+    """
+    model, mean = bank_filter.model, bank.leading.mean
+    guess = Prediction(model, mean, None) if start is None else start.prediction
+    guess.work = work  # the budget of this message, not of an earlier one
+    prediction = Prediction(model, mean, guess.shape, work)
+    heard = frozenset(name for entry in measurements for name in entry.channels(prediction))
+    bank = bank_filter.with_suspected_sensors(bank, heard)
+    linear, nonlinear = (
+        [entry for entry in measurements if entry.is_linear is is_linear]
+        for is_linear in (True, False)
+    )
+    parts: _Parts = []
+    if linear:
+        rows = Rows(linear)
+        bank, update = bank_filter.with_linear(bank, rows, prediction)
+        parts.append((rows, update))
+    if not nonlinear:
+        return *bank_filter.with_leader(bank, guess), parts
+    rows = Rows(nonlinear)
+    if start is None:  # readings of slack tendons may be negative, but tensions are not
+        guess = Prediction(model, nearest_possible(model, bank.leading), None, work)
+    bank, update, prediction = bank_filter.with_shapes(bank, rows, guess, is_new=start is None)
+    return bank, prediction, [*parts, (rows, update)]
 
 
 def _innovations(parts: _Parts, leader: int, prediction: Prediction) -> list[Innovation]:

@@ -20,7 +20,7 @@ from octo_arm_model.arm.validation import check_class, is_number
 from octo_arm_model.estimation.estimate import EVALUATIONS, ITERATIONS, Estimate, next_estimate
 from octo_arm_model.estimation.measurement import Measurement
 from octo_arm_model.estimation.model import ArmModel, Work
-from octo_arm_model.estimation.rules import Consistency, Innovation, Rules, count_innovations
+from octo_arm_model.estimation.rules import Consistency, Innovation, Rules
 
 MAX_MOMENTS = 1000  # largest number of moments that are stored for late measurements
 
@@ -167,7 +167,9 @@ class Estimator:
         # If it begins anew at a time, it does so with the first message of this time.
         begins_anew = is_new or (added is newest and replaced is None and estimate.begins_anew)
         self.restarts += begins_anew
-        count_innovations(self.consistency, stamp_ns, innovations)
+        for innovation in innovations:
+            record = self.consistency.setdefault(innovation.name, Consistency())
+            record.count(stamp_ns, innovation)
         probabilities = dict(zip(self._models, newest.probability.tolist(), strict=True))
         name = list(probabilities)[best]
         return EstimatorOutput(estimate, name, probabilities, innovations, begins_anew)

@@ -43,6 +43,8 @@ BUDGET = Budget(iterations=30, residual=1e-8)
 # A step of a recording may take longer, as nobody waits for it.
 PATIENT = Budget(iterations=90, residual=1e-8)
 
+# Displacement of a station up to which the shape is linear in the state, over the length.
+_LINEAR = 0.2
 _MOST = math.log(LARGEST)  # largest logarithm of a ratio of stiffnesses
 _ONE = np.ones(1)
 
@@ -196,6 +198,7 @@ class ArmModel:
         return ratio
 
 
+@dataclass
 class Work:
     """A budget of shapes to evaluate, and of iterations of the solver; without limit by default.
 
@@ -204,18 +207,12 @@ class Work:
         iterations: number of iterations that are left.
     """
 
-    def __init__(self, evaluations: int = sys.maxsize, iterations: int = sys.maxsize) -> None:
-        """Begin with these numbers."""
-        self.evaluations, self.iterations = evaluations, iterations
+    evaluations: int = sys.maxsize
+    iterations: int = sys.maxsize
 
     def is_left(self, spared: int = 0) -> bool:
         """Return whether another shape may be evaluated, such that ``spared`` ones remain."""
         return self.evaluations > spared and self.iterations > 0
-
-    def take(self, iterations: int) -> None:
-        """Subtract one evaluation and its ``iterations``."""
-        self.evaluations -= 1
-        self.iterations -= iterations
 
 
 class Prediction:
@@ -257,7 +254,8 @@ class Prediction:
             iterations = error.iterations
             raise
         finally:
-            self.work.take(iterations)
+            self.work.evaluations -= 1
+            self.work.iterations -= iterations
 
     @functools.cached_property
     def change(self) -> StateChange:
@@ -294,13 +292,18 @@ class Prediction:
             new.solved  # noqa: B018
         return new
 
-    def distance(self, x: FloatArray) -> float:
-        """Return the largest displacement of a station in ``x``, to first order [m]."""
-        return float(np.linalg.norm(self.change.pose[:, :3] @ (x - self.x), axis=1).max())
+    def linear_part(self, x: FloatArray) -> float:
+        """Return the fraction, at most 1, of the step to ``x`` in which the shape is linear."""
+        distance = np.linalg.norm(self.change.pose[:, :3] @ (x - self.x), axis=1).max()
+        return min(1.0, _LINEAR * self.model.arm.length / max(float(distance), 1e-300))
 
     def backbone_at(self, x: FloatArray) -> Backbone:
-        """Return the shape in a state ``x`` nearby to first order, with its own tensions."""
-        shape, step = self.solved, x - self.x
+        """Return the shape in a state ``x`` to first order, with its own tensions.
+
+        Of a step to a shape that is far away, as a search without work left states it, only the
+        part in which the shape is linear is taken.
+        """
+        shape, step = self.solved, self.linear_part(x) * (x - self.x)
         pose = _directional(self.change.pose, step)
         tau, xi, k, q = _directional(self.change.strain, step).T
         turn = np.concatenate([0.5 * pose[:, 3:], np.ones((len(pose), 1))], axis=1)

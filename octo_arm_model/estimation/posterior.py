@@ -30,7 +30,6 @@ _NOISE_FACTORS = (100.0, 10.0)  # factors on the noise, one after the other
 _INNER_STEPS = 8  # largest number of steps within a local model
 _SLACK = 0.01  # allowed rise of the cost by a step, per component
 _MOST_HALVINGS = 6  # largest number of halvings of a step
-_LONGEST = 0.2  # largest displacement of a station by a step, over the length of the arm
 _FARTHEST_OFF = 5.0  # largest difference of a ratio of biases, in standard deviations
 _FARTHEST = 1.0  # standard deviations to the mean up to which second derivatives hold
 
@@ -77,9 +76,8 @@ def agree(
         return Fit(Gaussian(mean, prior.root), prediction)
     if not is_new:
         try:
-            is_far = prediction.distance(prior.mean) > _LONGEST * prediction.model.arm.length
-            # Innovations are not linear over such a distance. A step needs one more evaluation.
-            if is_far and prediction.work.is_left(spared + 1):
+            is_far = prediction.linear_part(prior.mean) < 1.0
+            if is_far and prediction.work.is_left(spared + 1):  # a step needs one more evaluation
                 new = prediction.solved_at(nearest_possible(prediction.model, prior))
                 prediction = min(prediction, new, key=lambda point: _cost(prior, rows, point))
             fit = _fit(_Local(prior, rows, weight, prediction), spared)
@@ -174,7 +172,7 @@ class _Local:
         """Return the model at a more probable state towards ``target``; None if there is none."""
         start = self.prediction
         most = self.cost(start.x, self.innovation) + _SLACK * target.size
-        scale = min(1.0, _LONGEST * start.model.arm.length / max(start.distance(target), 1e-300))
+        scale = start.linear_part(target)
         for _ in range(_MOST_HALVINGS):
             if not start.work.is_left(spared):
                 break

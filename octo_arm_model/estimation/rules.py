@@ -5,7 +5,6 @@ from __future__ import annotations
 import collections
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -164,11 +163,3 @@ class Consistency:
         if self.refused_from is None:
             self.refused_from = stamp_ns
         self.refused_to = stamp_ns
-
-
-def count_innovations(
-    consistency: dict[str, Consistency], stamp_ns: int, innovations: Sequence[Innovation]
-) -> None:
-    """Count ``innovations`` of one stamp [ns] in the ``consistency`` of their kinds, by name."""
-    for innovation in innovations:
-        consistency.setdefault(innovation.name, Consistency()).count(stamp_ns, innovation)

@@ -14,7 +14,7 @@ from octo_arm_model.config.files import CsvFiles
 from octo_arm_model.estimation.estimate import Contact, Estimate, contact_of
 from octo_arm_model.estimation.estimator import Estimator, EstimatorOutput
 from octo_arm_model.estimation.model import ArmModel
-from octo_arm_model.estimation.rules import Consistency, count_innovations
+from octo_arm_model.estimation.rules import Consistency
 from octo_arm_model.estimation.smoother import check_count, smooth_steps
 from octo_arm_model.estimation.unknowns import State
 from octo_arm_model.experiment.camera import CameraErrors
@@ -26,22 +26,22 @@ Group = Sequence[StampedMeasurement]  # measurements with the same stamp
 
 
 def _filtered(
-    recorded: SensorRecording, failures: Refusals, progress: Callable[[int, int], None]
+    estimator: Estimator,
+    groups: Sequence[Group],
+    failures: Refusals,
+    progress: Callable[[int, int], None],
 ) -> Iterator[tuple[Group, EstimatorOutput]]:
     """Yield the estimates of the recursive filter, from the measurements up to each time.
 
     Measurements of a time without an estimate are left out and counted in ``failures``.
     """
-    settings = recorded.settings
-    change_time = settings.given.change_time
-    estimator = Estimator(recorded.models, settings.rules, change_time=change_time)
-    for number, group in enumerate(recorded.groups):
-        progress(number, len(recorded.groups))
+    for number, group in enumerate(groups):
+        progress(number, len(groups))
         try:
             yield group, estimator.add(group[0].stamp_ns, [item.measurement for item in group])
         except OctoArmError as error:
             failures.count('', str(error))
-    progress(len(recorded.groups), len(recorded.groups))
+    progress(len(groups), len(groups))
 
 
 def _smoothed(
@@ -229,13 +229,14 @@ def estimate(
         MeasurementError: with ``is_smooth``, if times are too many or the contact's place unknown.
         OctoArmError: if one of ``outputs`` raises it.
     """
-    failures = Refusals()
-    updates = _filtered(recorded, failures, progress)
+    failures, settings = Refusals(), recorded.settings
+    change_time = settings.given.change_time
+    estimator = Estimator(recorded.models, settings.rules, change_time=change_time)
+    updates = _filtered(estimator, recorded.groups, failures, progress)
     if is_smooth:
         check_count(len(recorded.groups))
         updates = _smoothed(updates, recorded.models)
     moments: list[Moment] = []
-    consistency: dict[str, Consistency] = {}
     restarts: list[float] = []
     suspects: dict[tuple[str, ...], list[float]] = {}
     total: Counter[str] = Counter()
@@ -247,7 +248,6 @@ def estimate(
             restarts.append(moment.time)
         if update.estimate.suspects:
             suspects.setdefault(tuple(sorted(update.estimate.suspects)), []).append(moment.time)
-        count_innovations(consistency, moment.stamp_ns, update.innovations)
         if recorded.camera is not None:
             recorded.camera.add(moment.time, update.estimate.backbone)
         total.update(update.probabilities)
@@ -257,9 +257,9 @@ def estimate(
         recorded,
         moments,
         _find_touches(moments),
-        consistency,
+        estimator.consistency,
         failures,
-        [direction.reason for direction in update.estimate.unobserved],
+        update.estimate.unobserved,
         recorded.camera.errors() if recorded.camera is not None else None,
         {name: value / len(moments) for name, value in total.items()},
         restarts,

@@ -1,6 +1,7 @@
 """Faulty sensors: rows of the table of `benchmarks/faults.py`."""
 
 import functools
+import itertools
 import sys
 
 import pytest
@@ -65,6 +66,20 @@ def test_fault_that_is_not_detectable_stays_within_the_covariance(case):
     row = bench_of(case.arm).run(case)
     assert row.share_beyond_five <= 0.02 and row.published == 1.0
     assert row.sound_refused <= 1.0
+
+
+@pytest.mark.parametrize('arm', [ARM, 'rao2021', 'renda2012_table2'])
+@pytest.mark.parametrize('order', [(1, 0, 2), (2, 0, 1), (2, 1)])
+def test_sound_sensors_that_are_heard_one_after_the_other_are_believed(arm, order):
+    bench = bench_of(arm)
+    estimator = Estimator(bench.models, bench.settings.rules)
+    recording = itertools.islice(bench.measurements(Case(arm, 'none')), 5)
+    for step, (_, measurements) in enumerate(recording):
+        for number, sensor in enumerate(order):
+            estimator.add(10**7 * (5 * step + number), [measurements[sensor]])
+            # No load cell is a suspect either, least of all before it has measured.
+            doubted = *estimator.refused_since, *estimator.suspects
+            assert not any(name.startswith('load cell') for name in doubted)
 
 
 def test_place_of_a_force_is_found_despite_a_faulty_sensor():

@@ -328,8 +328,7 @@ class EstimatorServer(Server[PreparedEstimator, EstimatePublishers]):
             problems.append(f'sensors contradicted the estimate, reset {recent} time(s)')
         self._late, self._restarts = estimator.late, estimator.restarts
         values |= self._contact(update.estimate)
-        reasons = '; '.join(direction.reason for direction in update.estimate.unobserved)
-        values['not observable'] = reasons[:_LONGEST]
+        values['not observable'] = '; '.join(update.estimate.unobserved)[:_LONGEST]
         return make_status('estimate', DiagnosticStatus.WARN, '; '.join(problems), fine, values)
 
     def _contact(self, estimate: Estimate) -> dict[str, object]:
