@@ -315,10 +315,12 @@ class MotionControls:
         step.on_click(lambda event: later(lambda: simulator.trigger('step')))
         reset.on_click(lambda event: later(lambda: simulator.trigger('reset')))
         self._handle.on_update(lambda event: later(lambda: self._drag(event.phase != 'end')))
-        # A browser that is closed does not send the end of a drag.
-        server.on_client_disconnect(lambda client: later(lambda: self._drag(False)))
         if any(config.motion.current):
             _show_current(server.scene, config)
+
+    def let_go(self) -> None:
+        """Stop pulling, as a browser that is closed does not send the end of a drag."""
+        self._drag(False)
 
     def follow(self, tip: FloatArray) -> None:
         """Pull the ``tip`` (3,) [m] towards a dragged point, or move the point to the tip."""

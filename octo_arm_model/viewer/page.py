@@ -175,6 +175,10 @@ class Page:
         if tensions is not None:
             self._client.command(tensions)
 
+    def let_go(self) -> None:
+        """Stop pulling the tip of a simulated arm."""
+        self._motion.let_go()
+
     def refuse(self, problem: object) -> None:
         """Hold the tensions and show the ``problem``."""
         self.commander.stop()
@@ -325,10 +329,18 @@ class Viewer:
         self._refuse = refusing()
         self._clear()
         server.gui.add_html(numbers.waiting(client.command_topic))
-        # A new browser gets a picture at once.
-        server.on_client_connect(
-            lambda client: self._actions.put(lambda: self._page.draw() if self._page else None)
-        )
+        # A new browser gets a picture at once. viser keeps these functions until the server ends,
+        # so that a page, which may be replaced, must not be among them.
+        server.on_client_connect(lambda client: self._actions.put(self._draw))
+        server.on_client_disconnect(lambda client: self._actions.put(self._let_go))
+
+    def _draw(self) -> None:
+        if self._page is not None:
+            self._page.draw()
+
+    def _let_go(self) -> None:
+        if self._page is not None:
+            self._page.let_go()
 
     def step(self) -> None:
         """Handle actions of the page until the next picture is due; then draw it."""

@@ -3,7 +3,9 @@
 import asyncio
 import contextlib
 import dataclasses
+import gc
 import shlex
+import weakref
 from functools import partial
 from types import SimpleNamespace
 
@@ -254,6 +256,20 @@ def test_a_problem_is_shown_above_the_tabs(server):
     texts = [handle.content for handle in above if isinstance(handle, viser.GuiHtmlHandle)]
     assert [text for text in texts if 'a profile beyond the limits' in text]
     page.close()
+    client.close()
+
+
+def test_a_page_that_another_replaces_is_freed(server, monkeypatch):
+    client = RosClient(new_domain())
+    arm = ArmClient(client.node)
+    monkeypatch.setattr(arm, 'poll', lambda: False)
+    viewer, pages = Viewer(server, arm), []
+    for stations in (21, 31):
+        arm.config = dataclasses.replace(CONFIG, stations=stations)
+        viewer.step()
+        pages.append(weakref.ref(viewer._page))
+    gc.collect()
+    assert pages[0]() is None and pages[1]() is viewer._page
     client.close()
 
 
