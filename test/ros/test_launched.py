@@ -68,6 +68,15 @@ def test_what_is_given_overrides_the_file_and_what_is_not_leaves_it_alone():
     assert (given['model'], given['frame_prefix']) == ('exact', '1_')
 
 
+def test_a_bag_is_played_where_there_is_a_player(monkeypatch, tmp_path):
+    installed(monkeypatch, tmp_path)
+    with pytest.raises(ConfigError, match='needs ros2bag, expected ROS packages that are inst'):
+        actions('octo_arm', bag='tensions')
+    installed(monkeypatch, tmp_path / 'all', 'ros2bag')
+    _, found = actions('octo_arm', bag='tensions')
+    assert len(found) == 2
+
+
 def test_the_node_finds_itself_in_a_file_of_several(tmp_path):
     file = tmp_path / 'arms.yaml'
     text = (ROOT / 'config' / 'renda2012_table4.yaml').read_text()
