@@ -51,15 +51,11 @@ class Controls:
         commander: Commander,
         topic: str,
         later: Later,
-        problem: viser.GuiHtmlHandle,
     ) -> None:
-        """Add the controls to the page of ``server``; commands are published on ``topic``.
-
-        A ``problem`` of any of them is shown in one text, which stands outside of their tabs.
-        """
+        """Add the controls to the page of ``server``; commands are published on ``topic``."""
         self._gui, self._arm, self._commander = server.gui, config.arm, commander
         self._loop = server.get_event_loop()
-        self._topic, self._later, self._problem = topic, later, problem
+        self._topic, self._later = topic, later
         self._lock, self._is_closed = threading.Lock(), False
         self.highest = movements.tendon_limits(config)
         self._sliders: list[viser.GuiSliderHandle[float]] = []
@@ -96,10 +92,6 @@ class Controls:
             is_playing = self._commander.profile is not None
             self._play.visible, self._stop.visible = not is_playing, is_playing
 
-    def show_problem(self, problem: object) -> None:
-        """Show ``problem`` until the next command."""
-        self._problem.content = numbers.error_text(problem)
-
     def _add_presets(self) -> None:
         slack = self._gui.add_button('Let all go slack')
         rest = np.zeros(len(self._arm.tendons))
@@ -113,11 +105,7 @@ class Controls:
             group.on_click(_in_order(lambda event: self._move(tensions_of[event.target.value])))
 
     def _move(self, tensions: FloatArray) -> None:
-        def move() -> None:
-            self._problem.content = ''
-            self._commander.move(tensions, time.monotonic())
-
-        self._later(move)
+        self._later(lambda: self._commander.move(tensions, time.monotonic()))
 
     def _add_sliders(self) -> None:
         tendons, count = itertools.count(), len(self._arm.sections)
@@ -142,7 +130,6 @@ class Controls:
         self._moved.append(moved)
 
         def pull() -> None:
-            self._problem.content = ''
             self._commander.pull(tendon, moved[0])
             moved.popleft()  # only now, because the slider then follows the commanded tension
 
@@ -169,7 +156,6 @@ class Controls:
                 raise ProfileError(f'no movement {movement.value!r}, expected one that is listed')
             profile = movements.find_profile(movement.value, self._arm)
             movements.check_profile(profile, self._arm, self.highest)
-            self._problem.content = ''
             self._commander.play(profile, time.monotonic(), speed=speed.value, loop=loop.value)
 
         def describe(event: object) -> None:

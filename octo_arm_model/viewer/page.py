@@ -135,10 +135,10 @@ class Page:
             if event.client is not None:
                 cameras.show(event.client)
 
-        problem, tabs = gui.add_html(''), gui.add_tab_group()
+        self._problem, tabs = gui.add_html(''), gui.add_tab_group()
         with tabs.add_tab('Tendons'):
             topic = client.command_topic
-            self._controls = Controls(server, config, self.commander, topic, self._later, problem)
+            self._controls = Controls(server, config, self.commander, topic, self._later)
         with tabs.add_tab('Profile'):
             self._controls.add_profiles()
         with tabs.add_tab('Target'):
@@ -160,7 +160,14 @@ class Page:
         self._controls.close()
 
     def _later(self, action: Callable[[], None]) -> None:
-        self._queue(lambda: None if self._is_closed else action())
+        """Queue what somebody does on the page, which clears the problem of an earlier action."""
+
+        def act() -> None:
+            if not self._is_closed:
+                self._problem.content = ''
+                action()
+
+        self._queue(act)
 
     def command(self) -> None:
         """Go on from what other nodes command and a search finds; publish tensions that change."""
@@ -182,7 +189,7 @@ class Page:
     def refuse(self, problem: object) -> None:
         """Hold the tensions and show the ``problem``."""
         self.commander.stop()
-        self._controls.show_problem(problem)
+        self._problem.content = numbers.error_text(problem)
 
     @property
     def is_stale(self) -> bool:
@@ -331,16 +338,11 @@ class Viewer:
         server.gui.add_html(numbers.waiting(client.command_topic))
         # A new browser gets a picture at once. viser keeps these functions until the server ends,
         # so that a page, which may be replaced, must not be among them.
-        server.on_client_connect(lambda client: self._actions.put(self._draw))
-        server.on_client_disconnect(lambda client: self._actions.put(self._let_go))
+        server.on_client_connect(lambda client: self._later(Page.draw))
+        server.on_client_disconnect(lambda client: self._later(Page.let_go))
 
-    def _draw(self) -> None:
-        if self._page is not None:
-            self._page.draw()
-
-    def _let_go(self) -> None:
-        if self._page is not None:
-            self._page.let_go()
+    def _later(self, act: Callable[[Page], None]) -> None:
+        self._actions.put(lambda: act(self._page) if self._page else None)
 
     def step(self) -> None:
         """Handle actions of the page until the next picture is due; then draw it."""
