@@ -133,9 +133,9 @@ def is_overridden(node: Node, entity: str, topic: str) -> bool:
 
 def check_overrides(node: Node) -> None:
     """Raise ConfigError unless some entity of ``node`` uses each QoS override."""
-    # This attribute is private in rclpy.
+    # This attribute is private in rclpy, which declares the overrides that it uses.
     for name in sorted(node._parameter_overrides):
-        if name.startswith(_OVERRIDES) and not _is_read_only(node, name):
+        if name.startswith(_OVERRIDES) and not node.has_parameter(name):
             raise ConfigError(
                 f'{name} overrides nothing, expected qos_overrides.TOPIC.publisher.POLICY or '
                 'qos_overrides.TOPIC.subscription.POLICY with the whole name of a topic of '
@@ -146,25 +146,14 @@ def check_overrides(node: Node) -> None:
 @contextlib.contextmanager
 def _overriding(node: Node, entity: str, topic: str) -> Iterator[QoSOverridingOptions]:
     """Yield the options to create an ``entity`` of ``topic``; ConfigError if rclpy refuses."""
-    prefix = _prefix(node, entity, topic)
-    for policy in POLICIES:
-        # If the node itself had declared it, it would not be read-only: a later change would be
-        # accepted and have no effect.
-        name = prefix + policy.name.lower()
-        if node.has_parameter(name) and not _is_read_only(node, name):
-            node.undeclare_parameter(name)
     try:
         yield QoSOverridingOptions(POLICIES, callback=_check)
     except _REFUSALS as error:
-        raise ConfigError(f'{prefix}*: {error}') from error
+        raise ConfigError(f'{_prefix(node, entity, topic)}*: {error}') from error
 
 
 def _prefix(node: Node, entity: str, topic: str) -> str:
     return f'{_OVERRIDES}{node.resolve_topic_name(topic)}.{entity}.'
-
-
-def _is_read_only(node: Node, name: str) -> bool:
-    return bool(node.has_parameter(name) and node.describe_parameter(name).read_only)
 
 
 def _check(qos: QoSProfile) -> SetParametersResult:

@@ -8,7 +8,6 @@ from octo_arm_msgs.msg import TendonTensions
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.timer import Timer
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
@@ -51,7 +50,8 @@ class MarkerPublisher:
         """Publish by ``publisher`` of ``node``."""
         self._node, self._publisher = node, publisher
         self._writer: MarkersWriter | None = None
-        self._timer: Timer | None = None  # runs since the last markers
+        self._timer = steady_timer(node, 1.0, self._on_time)  # runs since the last markers
+        self._timer.cancel()
         self._waiting: Callable[[], None] | None = None
         self._is_clean, self._largest = False, 0.0
         self._arm: Arm | None = None
@@ -68,21 +68,14 @@ class MarkerPublisher:
         self.forget()
         self._writer, self._arm = writer, arm
         if rate != self._rate:
-            self._stop_timer()
+            self._timer.cancel()
+            self._timer.timer_period_ns = round(1e9 / (rate or 1.0))
             self._rate = rate
-            if rate:
-                self._timer = steady_timer(self._node, 1.0 / rate, self._on_time)
-                self._timer.cancel()
 
-    def stop(self) -> None:
-        """Publish nothing until `describe` is called."""
-        self._stop_timer()
-        self._waiting = self._writer = self._arm = None
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._node.destroy_timer(self._timer)
-        self._timer, self._rate = None, 0.0
+    def close(self) -> None:
+        """Publish nothing any more."""
+        self._node.destroy_timer(self._timer)
+        self._waiting = self._writer = None
 
     def forget(self) -> None:
         """Drop the backbone that waits for the timer."""
@@ -98,7 +91,7 @@ class MarkerPublisher:
         self._waiting = partial(self._draw, backbone, stamp, more)
         if not is_heard(self._publisher):
             self.forget()
-        elif self._timer is None:
+        elif not self._rate:
             self._waiting()
         elif self._timer.is_canceled():
             self._timer.reset()
@@ -109,7 +102,7 @@ class MarkerPublisher:
         draw, self._waiting = self._waiting, None
         if draw is not None:
             draw()
-        elif self._timer is not None:
+        else:
             self._timer.cancel()
 
     def _draw(self, backbone: Backbone, stamp: Stamp, more: Callable[[], bytes] | None) -> None:
@@ -174,7 +167,7 @@ class BackbonePublishers:
 
     def close(self) -> None:
         """Destroy the publishers."""
-        self._drawing.stop()
+        self._drawing.close()
         self._destroy()
 
     def _destroy(self) -> None:
