@@ -351,11 +351,11 @@ class TensionDerivatives:
         tables, e = self._tables, tendons.unit[..., self._pulled]
         bends = Bends(tables, self._z, e, tables.reach[:, self._pulled])
         self._rate, by_c = bends.rate, self._by_bends(bends)
-        by_kappa = _cross(self._by_element(e), by_c)
+        by_kappa = np.cross(self._by_element(e), by_c, axis=0)
         by_e = (
             by_c @ tables.differentiation / tables.lengths[:, np.newaxis, np.newaxis, np.newaxis]
         )
-        by_e += _cross(by_c, self._by_element(self._z[:, :3].T[..., np.newaxis]))
+        by_e += np.cross(by_c, self._by_element(self._z[:, :3].T[..., np.newaxis]), axis=0)
         # The jump at the start of an element counts at all of its nodes; the one at its end does
         # not.
         square = (bends.kink * bends.kink).sum(axis=0)
@@ -412,13 +412,6 @@ class TensionDerivatives:
             rows = self._inverse @ pulled.reshape(*pulled.shape[:2], -1)
             right[:, self._pulled] = rows.reshape(pulled.shape).swapaxes(0, 1)
         return right
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return cross products along the first axis."""
-    return np.stack(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
 
 
 def _direction(vectors: FloatArray) -> FloatArray:

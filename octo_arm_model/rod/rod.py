@@ -39,9 +39,9 @@ from octo_arm_model.rod.section_arrays import initial_twists
 from octo_arm_model.rod.tables import added_points, least_bending, tabulate
 from octo_arm_model.rod.tendons import unloaded_twists
 
-# Errors of positions over the length beyond which no shape is returned, of an arm that touches
-# obstacles and of others. The former bounds the edges of contacts, which are between the nodes.
-TOUCHING, WORST = 1e-5, 1e-6
+# Errors of positions over the length beyond which no shape is returned, with contact or a history
+# of friction, and without. The former bounds edges of contacts and kinks of tensions.
+KINKED, WORST = 1e-5, 1e-6
 # Largest errors of depths in obstacles over the length, and of tensions.
 _WORST_DEPTH, _WORST_TENSION = 1e-4, 1e-2
 _SOFT_DEPTH = 1e-3  # depth in soft planes over the deflection of the arm
@@ -269,8 +269,21 @@ class Rod:
         return start
 
     def first_level(self, before: FloatArray | None) -> int:
-        """Return the level on which a search begins if tendons slide from tensions ``before``."""
-        return 0 if before is None else max(self.level_of(before), 0)
+        """Return the level on which a search begins if tendons slide from tensions ``before``.
+
+        It is the coarsest whose fine points have these tensions (M, J) to the accuracy.
+        """
+        if before is None:
+            return 0
+        level = max(self.level_of(before), 0)
+        while level > 0:
+            fine, coarse = self._fine(level), self._fine(level - 1)
+            coarser = moved(before, fine, coarse)
+            change = np.abs(moved(coarser, coarse, fine) - before).max()
+            if not change <= self.setting.accuracy * before.max():
+                break
+            before, level = coarser, level - 1
+        return level
 
     def _unloaded_equilibrium(self, target: Condition) -> Equilibrium:
         """Find the balance of every cross section by itself, on enough nodes for the accuracy."""
@@ -508,7 +521,8 @@ class Rod:
         allowed, error = self.setting.accuracy, problem.position_error(state.z)
         depth_error = _depth_error(problem, is_last)
         if is_last or depth_error:
-            allowed = max(allowed, TOUCHING if depth_error else WORST)
+            is_kinked = depth_error or state.condition.before is not None
+            allowed = max(allowed, KINKED if is_kinked else WORST)
         if not (is_last or depth_error <= _WORST_DEPTH):
             return False
         if error <= allowed:

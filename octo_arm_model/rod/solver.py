@@ -88,7 +88,8 @@ class Solver:
         functions or NumPy computes them; None takes numba if it is installed and works. Results
         are the same. ``budget`` limits the continuation of one loaded arm, or of all solves in
         `together`. The number of nodes is chosen so that the error of positions is at most
-        ``accuracy`` times the length; up to 1e-6 on the finest nodes, 1e-5 where it touches.
+        ``accuracy`` times the length; up to 1e-6 on the finest nodes, 1e-5 with contact or a
+        history of friction.
 
         Raises:
             ConfigError: if there is no such model or material, they exclude each other, the model

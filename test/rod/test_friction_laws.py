@@ -160,6 +160,25 @@ def test_small_unloading_changes_only_the_arm_near_its_base(model):
     assert_allclose(after[slips], (1.0 - decrease) * np.exp(MU * angles[slips]), rtol=5e-3)
 
 
+def test_tension_let_out_to_a_half_equals_the_closed_form():
+    # On a metal rod; the tension has a kink where the tendon begins to stick.
+    section = Section(0.5, 0.014, 0.014, angles=(0.0,))
+    body = Body(0.5, 0.0016, 0.0016, disc_radius=0.03)
+    solver = Solver(
+        Arm(Material(2e9, 0.3), body, (section,), friction=(MU,)), 'exact', material='linear'
+    )
+    pulled = solver.solve([[24.0]])
+    released = solver.follow([[12.0]], pulled)
+    slope = MU * 0.014 / (2e9 * math.pi * 0.0016**4 / 4) * released.s
+    let_out = 1.0 / np.maximum(1.0 / 12.0 - slope, 1.0 / 24.0)
+    expected = np.minimum(1.0 / (1.0 / 24.0 + slope), let_out)
+    assert_allclose(released.tendon_tensions[:, 0], expected, rtol=0.0, atol=2e-4)
+    # A slack tendon has no kink, so that coarse nodes serve again.
+    pulled_again = solver.follow([[1.0]], solver.follow([[0.0]], released))
+    assert pulled_again.equilibrium.level < released.equilibrium.level
+    assert_allclose(pulled_again.tip, solver.solve([[1.0]]).tip, rtol=0.0, atol=1e-8)
+
+
 @pytest.mark.parametrize(('model', 'loads'), [('closed_form', Loads()), ('exact', GRAVITY)])
 def test_hysteresis_loop_closes_and_has_an_area(model, loads):
     arm = helical_arm(friction=(0.2,))
