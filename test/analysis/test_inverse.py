@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from differences import jacobian as derivative
 from numpy.testing import assert_allclose
+from rods import THIRDS
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model import (
@@ -89,19 +90,21 @@ def test_bending_target_has_its_angle_and_plane(solver, plane, angle):
         assert np.angle(np.exp(1j * (np.arctan2(b, n) - plane))) == pytest.approx(0.0, abs=1e-4)
 
 
+def of_three(scale: float = 1.0) -> Arm:
+    """Return a cone with three tendons."""
+    section = Section(0.3 * scale, 0.009 * scale, 0.0045 * scale, THIRDS)
+    return Arm(Material(1e5), Body(0.3 * scale, 0.015 * scale, 0.0075 * scale), (section,))
+
+
 @pytest.mark.parametrize('scale', [1e-2, 1.0, 30.0])
 @pytest.mark.parametrize('parts', [(0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.3, 0.6, 0.2)])
 def test_targets_with_slack_tendons_are_reached_at_any_scale(scale, parts):
     # Small and large arms, with tendons at the lower bound of zero.
-    length, radius = 0.3 * scale, 0.015 * scale
-    angles = (0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)
-    section = Section(length, 0.6 * radius, 0.3 * radius, angles=angles)
-    arm = Arm(Material(1e5), Body(length, radius, 0.5 * radius), (section,))
-    solver, unit = Solver(arm, 'exact', 31), 10.0 * scale**2
+    solver, unit = Solver(of_three(scale), 'exact', 31), 10.0 * scale**2
     target = solver.solve(unit * np.array([parts]))
     result = find_tensions(solver, TipPosition(target.tip), 2.0 * unit)
     assert result.reached, result.error
-    assert_allclose(result.backbone.tip, target.tip, rtol=0.0, atol=1e-6 * length)
+    assert_allclose(result.backbone.tip, target.tip, rtol=0.0, atol=1e-6 * solver.arm.length)
 
 
 @pytest.mark.parametrize('angles', [(0.187, 2.389, 3.106), (3.106, 2.389, 0.187)])
@@ -123,8 +126,7 @@ def test_backbone_shape_is_reached(solver):
 
 
 def test_unreachable_target_gives_the_smallest_error():
-    section = Section(0.3, 0.009, 0.0045, angles=(0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0))
-    solver = Solver(Arm(Material(1e5), Body(0.3, 0.015, 0.0075), (section,)), 'exact', 11)
+    solver = Solver(of_three(), 'exact', 11)
     result = find_tensions(solver, TipPosition([1.0, 0.0, 0.0]), 4.0)
     assert not result.reached
     # The straight arm has the smallest error.

@@ -97,16 +97,7 @@ def test_invalid_interpolation_and_friction_at_kinks_are_refused():
 # Obstacles ---------------------------------------------------------------------------------------
 
 
-ARM: dict[str, Any] = {
-    'model': 'exact',
-    'material.youngs_modulus': 1e5,
-    'body.length': 0.4,
-    'body.radius_base': 0.01,
-    'body.radius_tip': 0.01,
-    'sections.anchorage': [0.4],
-    'sections.offset_base': [0.006],
-    'sections.offset_anchorage': [0.006],
-}
+ARM = PRESET | {'model': 'exact'}
 THREE = {
     'obstacles.type': ['plane', 'sphere', 'cylinder'],
     'obstacles.position': [0.0, 0.0, -0.1, 0.3, 0.1, 0.0, 0.2, 0.2, 0.2],

@@ -22,6 +22,7 @@ from octo_arm_model import (
 )
 from octo_arm_model.arm.errors import MeasurementError, OctoArmError
 from octo_arm_model.arm.loads import ZERO, DistributedLoad, PointLoad
+from octo_arm_model.config.parameter_files import load_parameters
 from octo_arm_model.estimation.estimate import Estimate, contact_of
 from octo_arm_model.estimation.estimator import Estimator
 from octo_arm_model.estimation.measurements import (
@@ -71,16 +72,7 @@ def test_shape_is_not_extrapolated_to_a_state_that_is_far_away():
     assert shape.tip_wrench[2] == 1.0
 
 
-_ARM = {
-    'material.youngs_modulus': 1.1e5,
-    'material.density': 1080.0,
-    'body.length': 0.27,
-    'body.radius_base': 0.015,
-    'body.radius_tip': 0.0074,
-    'sections.anchorage': [0.27],
-    'sections.offset_base': [0.005],
-    'sections.offset_anchorage': [0.0025],
-}
+_ARM = load_parameters('renda2012_prototype') | {'material.density': 1080.0}
 _DESCRIBED = {
     'base': {'base.position': [0.1, -0.2, 0.3], 'base.quaternion': [1.0, 0.0, 0.0, 0.0]},
     'weight': {'loads.gravity': [0.0, 0.0, -9.81], 'loads.fluid_density': 1000.0},
