@@ -1,6 +1,5 @@
 """Write bags for tests with rosbags, and read them with the package."""
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -147,15 +146,6 @@ def write_bag(
                 topics[topic] = writer.add_connection(topic, type_name, typestore=TYPES)
             writer.write(topics[topic], received_ns, data)
     return path
-
-
-def fingerprint(path: Path) -> dict[str, str]:
-    """Return a hash of every file of a bag."""
-    return {
-        str(file.relative_to(path)): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in sorted(path.rglob('*'))
-        if file.is_file()
-    }
 
 
 def random_tensions(arm: Arm, count: int) -> np.ndarray:
