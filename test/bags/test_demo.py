@@ -151,35 +151,3 @@ def test_with_friction_tensions_rise_and_fall_and_the_arm_remembers(tmp_path):
     # The same tension, on the way up and on the way down.
     assert np.linalg.norm(at[level][0] - at[level][-1]) > 1e-3
     assert_array_equal(at[top][0], at[top][-1])
-
-
-def test_a_touch_moves_tip_and_markers_as_the_exact_arm(tmp_path):
-    quiet = dataclasses.replace(
-        CLEAN,
-        stiffness=1.0,
-        touch=0.02,
-        markers=(0.135,),
-        marker_noise=1e-9,
-        turn_noise=1e-9,
-        marker_rate=5.0,
-        clock_offset=0.0,
-    )
-    topics = '/measured/tip_pose', '/measured/markers'
-    tensions, (tips, markers) = written(tmp_path / 'bag', quiet, *topics)
-    solver, touched = solver_of(quiet), 0
-    corners, _ = quiet.schedule(Config.from_parameters(PROTOTYPE))
-    for stamp, message in tips.items():
-        tip, at = message.pose.pose, place(message.pose.pose.position)
-        if np.linalg.norm(at - solver.solve(tensions[stamp]).tip) < 1e-3:
-            continue
-        touched += 1
-        time = 1e-9 * (stamp - min(tips))
-        assert 4 * 1.5 < time < 4 * 1.5 + 1.0  # while the middle tension is held
-        force = quiet.touches(np.array([time]), corners)[0]
-        expected = solver.solve(tensions[stamp], [*force, 0.0, 0.0, 0.0])
-        assert_allclose(at, expected.tip, atol=1e-7)
-        orientation = [getattr(tip.orientation, name) for name in 'xyzw']
-        assert abs(np.dot(orientation, expected.quaternion[-1])) == pytest.approx(1.0, abs=1e-9)
-        marker = place(markers[stamp].poses[0].position)
-        assert_allclose(marker, expected.position[50], atol=1e-6)
-    assert touched >= 3

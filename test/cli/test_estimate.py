@@ -81,8 +81,9 @@ def test_a_touch_is_found_when_where_and_as_hard_as_it_was_and_bands_hold_the_tr
     assert np.linalg.norm(touch['force']) == pytest.approx(FORCE, rel=0.1)
     assert touch['contact'] == 'tip' and not said['without_estimate'] and not said['left_out']
     # The arm is not touched most of the time, which the prior does not know.
-    tips = said['innovations']['tip pose']
+    tips, markers = (said['innovations'][name] for name in ('tip pose', 'markers'))
     assert tips['mean_square'] < 1.3 and tips['refused'] <= 2
+    assert markers['mean_square'] < 1.1 and markers['refused'] <= 2, markers
     rows = list(csv.DictReader((tmp_path / 'estimate.csv').read_text().splitlines()))
     names = [
         'time [s]',

@@ -393,12 +393,6 @@ def wide_csv(path: Path) -> Path:
     return path
 
 
-def test_midlines_and_loads_without_a_bag_are_compared(tmp_path, cli):
-    files = '--tension-csv', loads_csv(tmp_path / 'loads.csv')
-    files += '--midline-csv', tidy_csv(tmp_path / 'track.csv')
-    assert_tip_errors(cli.json('compare', *files, *EXACT, *UNALIGNED))
-
-
 @pytest.mark.parametrize('is_yaml', [False, True])
 def test_other_names_and_units_are_told_on_the_command_line_or_in_yaml(is_yaml, tmp_path, cli):
     header = 'Zeit\tLC 1 [mN]\tnote'
