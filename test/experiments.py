@@ -268,10 +268,10 @@ def tf_message(transforms: Sequence[Any], stamp_ns: int, topic: str = '/tf') -> 
     return message(topic, 'tf2_msgs/msg/TFMessage', stamp_ns, transforms=list(transforms))
 
 
-def pose_array(points: np.ndarray, stamp_ns: int) -> list[Sample]:
+def pose_array(points: np.ndarray, stamp_ns: int, frame: str = 'arm_base') -> list[Sample]:
     kind = 'geometry_msgs/msg/PoseArray'
     poses = [pose(each) for each in points]
-    header_ = header(stamp_ns, 'arm_base')
+    header_ = header(stamp_ns, frame)
     return [message('/mocap/markers', kind, stamp_ns, header=header_, poses=poses)]
 
 

@@ -83,7 +83,8 @@ _SOURCES = f"""\
     computes them from these lengths
 {arguments.TENDONS}
 --align A...: pose of the camera in base_frame: 'fit', 'none' if it measures in base_frame, or X Y
-    Z QX QY QZ QW (default: 'none' if the midlines are in base_frame, else 'fit')
+    Z QX QY QZ QW (default: 'none' if the midlines are in base_frame, or move in it by /tf, which
+    is used then; else 'fit')
 [CSV files] instead of topics; BAG is left out if midlines and readings are in CSV files
 --tension-csv CSV path: tensions: time [s] and a column for each tendon [N]
 --midline-csv CSV path: midlines, tips or markers: time [s], and x, y, z [m] or x1, y1, z1, x2 ...
@@ -197,6 +198,7 @@ def read_options(
         tuple(options.marker_frames),
         options.length_unit,
         tuple(options.marker_names),
+        bool(options.align),
     )
     files = _read_files(options)
     with Bar('messages') as bar:

@@ -11,6 +11,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader, Record, stamp_of
 from octo_arm_model.bags.topics import ArmTopics, Source, describe, namespace
 from octo_arm_model.config.config import Config
+from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.csv_recording import NO_READING, CsvSources
 from octo_arm_model.experiment.recording import Count, MarkerSources, MeasuredPoints, StampedRows
 from octo_arm_model.experiment.transform_tree import TransformTree
@@ -41,11 +42,7 @@ class MeasuredTopics:
         self._fields: dict[str, str] = {}  # field with the points, by topic
         what = 'markers' if measured.marker_s else 'midlines or tips'
         if measured.marker_frames:
-            names = (
-                measured.sources
-                or [topic for topic, kind in self._reader.topics.items() if kind == TF]
-                or ['/tf']
-            )
+            names = measured.sources or tf_topics(self._reader) or ['/tf']
             self.topics = [offered.named(name, (TF,), what) for name in names]
         else:
             several = len(measured.sources) > 1
@@ -61,10 +58,13 @@ class MeasuredTopics:
                 raise MeasurementError('--midlines names a topic twice, expected each once')
         count.expect(self._reader.count(list(dict.fromkeys(self.topics))))
 
-    def read(self, points: MeasuredPoints, base_frame: str, refusals: Refusals) -> StampedRows:
+    def read(
+        self, points: MeasuredPoints, base_frame: str, refusals: Refusals, notes: list[str]
+    ) -> StampedRows:
         """Return all frames, which ``points`` checks; ``refusals`` count messages left out.
 
-        Markers of several topics, or of TF, with the same stamp are one frame.
+        Markers of several topics, or of TF, with the same stamp are one frame. Points of a frame
+        that moves by TF are transformed to base_frame, which ``notes`` then say.
 
         Raises:
             MeasurementError: if no transforms of TF lead to a marker, or there are too many.
@@ -87,7 +87,34 @@ class MeasuredTopics:
                 rows.add(stamp, frame)
         for stamp in sorted(frames):
             rows.add(stamp, frames[stamp])
-        return rows
+        if self._measured.is_aligned or points.frame_id in (None, '', base_frame):
+            return rows
+        return self._in_base_frame(rows, points, base_frame, refusals, notes)
+
+    def _in_base_frame(
+        self,
+        rows: StampedRows,
+        points: MeasuredPoints,
+        base_frame: str,
+        refusals: Refusals,
+        notes: list[str],
+    ) -> StampedRows:
+        """Return ``rows`` in base_frame if their frame moves in it by TF, else as they are."""
+        topics, frame = tf_topics(self._reader), str(points.frame_id)
+        self._count.expect(self._reader.count(topics))
+        tree = read_transforms(self._reader, topics, refusals, self._count)
+        if not tree.moves(frame, base_frame):
+            return rows
+        moved = StampedRows(rows.source)
+        for stamp, row in zip(rows.stamps, rows.rows):
+            try:
+                pose = tree.pose(frame, base_frame, stamp)
+                moved.add(stamp, Alignment.from_pose(pose).to_base(row))
+            except MeasurementError as error:
+                refusals.count(rows.source, str(error))
+        points.frame_id = base_frame
+        notes.append(f'{frame!r} moves in {base_frame!r} by {" and ".join(topics)}, which is used')
+        return moved
 
     def _read(self, checks: MeasuredPoints, record: Record, message: Any) -> FloatArray:
         """Return the points of a ``message`` after ``checks``."""
@@ -150,6 +177,11 @@ def read_messages(
             refusals.count(record.topic, reason)
         else:
             yield record, stamp.ns, result
+
+
+def tf_topics(reader: BagReader) -> list[str]:
+    """Return the topics of transforms in a bag."""
+    return [topic for topic, kind in reader.topics.items() if kind == TF]
 
 
 def read_transforms(
@@ -237,7 +269,11 @@ class BagRecording:
         )
         if self._frames is None:
             return tensions, encoders, None
-        return tensions, encoders, self._frames.read(points, config.base_frame, refusals)
+        return (
+            tensions,
+            encoders,
+            self._frames.read(points, config.base_frame, refusals, self.notes),
+        )
 
 
 def read_readings(

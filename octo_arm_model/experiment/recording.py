@@ -35,6 +35,7 @@ class MarkerSources:
         unit: unit of all lengths, of `LENGTH_UNITS`.
         marker_names: names of the markers in a message or a table, or their numbers from 0 on in a
             message, in the order of ``marker_s``; empty for all markers in their order.
+        is_aligned: whether the pose of their frame is given or fitted, whatever TF says of it.
     """
 
     sources: tuple[str, ...] = ()
@@ -42,6 +43,7 @@ class MarkerSources:
     marker_frames: tuple[str, ...] = ()
     unit: str = 'm'
     marker_names: tuple[str, ...] = ()
+    is_aligned: bool = False
 
     def __post_init__(self) -> None:
         """Validate; MeasurementError if the numbers of markers differ."""

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -26,12 +26,12 @@ from octo_arm_model.estimation.settings import (
 )
 from octo_arm_model.experiment.bag_recording import (
     MIDLINES,
-    TF,
     MeasuredTopics,
     notes_on,
     read_messages,
     read_readings,
     read_transforms,
+    tf_topics,
 )
 from octo_arm_model.experiment.camera import Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
@@ -193,7 +193,7 @@ def _transforms(
 
     Displacements have no frame; other sensors need it if a message is not in base_frame.
     """
-    topics = [topic for topic, kind in reader.topics.items() if kind == TF]
+    topics = tf_topics(reader)
     framed = [topic for name, topic in sensors.others.items() if name != DISPLACEMENTS]
     frames = {
         reader.read(record, lambda message: str(message.header.frame_id))[1]
@@ -237,7 +237,9 @@ def read_measured(
     count.expect(reader.count(topics))
 
     def read(record: Record, message: Any) -> Measurement:
-        return sensors.readers[record.topic](message, arm=arm)
+        return sensors.readers[record.topic](
+            message, arm=replace(arm, received_ns=record.received_ns)
+        )
 
     for record, stamp_ns, measurement in read_messages(reader, topics, read, refusals, count):
         stamped.append(StampedMeasurement(stamp_ns, record.received_ns, measurement))
@@ -280,10 +282,10 @@ def _camera(
     ``refusals`` count messages left out, ``notes`` get decisions. MeasurementError is raised
     if there is nothing to compare, or neither end is clearly the base.
     """
-    measured = MarkerSources((topic,))
+    measured = MarkerSources((topic,), is_aligned=sources.alignment is not None)
     points = MeasuredPoints(measured, config.arm.length)
     topics = MeasuredTopics(ArmTopics(reader), measured, Count())
-    frames = topics.read(points, config.base_frame, refusals)
+    frames = topics.read(points, config.base_frame, refusals, notes)
     recording = assemble({}, tensions, None, frames, points, refusals, notes)
     alignment = sources.alignment
     if alignment is None and recording.frame_id == config.base_frame:

@@ -116,6 +116,10 @@ class TransformTree:
         known = {*self._links, *(link.parent for link in self._links.values())}
         return {one, other} <= known and self.chain(one)[-1] == self.chain(other)[-1]
 
+    def moves(self, frame: str, target: str) -> bool:
+        """Whether transforms that are not static lead from ``frame`` to ``target``."""
+        return self.connects(frame, target) and math.isfinite(self.known_until(frame, target))
+
     def chain(self, frame: str) -> list[str]:
         """Return ``frame``, its parent, and so on up to the root.
 

@@ -133,11 +133,13 @@ class MeasuredArm:
         config: the description of the arm.
         settings: the settings of its estimator, among them the noise of sensors.
         pose_of: pose of a frame in base_frame; None if measurements are in base_frame.
+        received_ns: stamp of headers in which none is set [ns]; 0 if frames are not known then.
     """
 
     config: Config
     settings: EstimatorSettings
     pose_of: PoseOf | None = None
+    received_ns: int = 0
 
     def frame(self, header: Any) -> tuple[Rotation, FloatArray]:
         """Return rotation and origin (3,) [m] of the frame of a ``header``, in base_frame.
@@ -152,7 +154,7 @@ class MeasuredArm:
             raise MeasurementError(
                 f'its frame is {frame[:MAX_NAME]!r}, expected {self.config.base_frame!r}'
             )
-        pose = self.pose_of(frame, Stamp.of(header.stamp).ns)
+        pose = self.pose_of(frame, Stamp.of(header.stamp).ns or self.received_ns)
         return Rotation.from_quat(np.array(pose.quaternion)), np.array(pose.position)
 
 

@@ -246,7 +246,9 @@ def test_markers_in_another_frame_are_where_transforms_have_them(tmp_path, cli):
                 base = experiments.transform(stamp, 'arm_base', place, 'world', turn.as_quat())
                 samples.append(experiments.tf_message([base], stamp))
                 points = turn.apply(points) + place
-            poses, header = map(experiments.pose, points), experiments.header(stamp, frame)
+            # A stamp that is not set stands for the time of receipt.
+            poses = map(experiments.pose, points)
+            header = experiments.header(0 if at == at_rest[2] else stamp, frame)
             name, kind = '/measured/markers', 'geometry_msgs/msg/PoseArray'
             samples.append(experiments.message(name, kind, stamp, header=header, poses=[*poses]))
         experiments.bag_of(bag, samples)

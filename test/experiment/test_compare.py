@@ -19,6 +19,7 @@ from experiments import (
     nanoseconds,
     one_tendon,
     path_sample,
+    pose_array,
     recording,
     seen,
     staircase,
@@ -410,10 +411,12 @@ def pan(at: float) -> Rotation:
     return Rotation.from_rotvec([0.0, 0.0, 0.03 * at])
 
 
-def chain_bag(path: Path, *, has_base: bool = True, last_pan: float = np.inf) -> Path:
+def chain_bag(
+    path: Path, *, has_base: bool = True, last_pan: float = np.inf, as_poses: bool = False
+) -> Path:
     """The world sees the base of the arm and a mount, on which a camera pans, which sees markers.
 
-    Pans have stamps of their own, up to ``last_pan`` [s].
+    Pans have stamps of their own, up to ``last_pan`` [s]. Markers are frames, or ``as_poses``.
     """
     time, pulled, times = staircase_of()
     samples: list[Sample] = [description(model='exact'), *tension_samples(time, pulled)]
@@ -433,7 +436,8 @@ def chain_bag(path: Path, *, has_base: bool = True, last_pan: float = np.inf) ->
         points = pan(at).apply(points - [0.0, 0.01 * at, 0.0], inverse=True)
         stamp = nanoseconds(at)
         markers = [transform(stamp, name, one, 'camera') for name, one in zip(FRAMES, points)]
-        samples.append(tf_message(markers, stamp))
+        array = pose_array(points, stamp, 'camera')
+        samples += array if as_poses else [tf_message(markers, stamp)]
     return bag_of(path, samples)
 
 
@@ -442,6 +446,17 @@ def test_chains_lead_to_the_base_of_the_arm(tmp_path, cli):
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
     assert any('midlines are in base_frame' in note for note in said['notes'])
+
+
+def test_a_camera_that_moves_by_tf_is_not_one_at_rest(tmp_path, cli):
+    bag, s = chain_bag(tmp_path / 'bag', as_poses=True, last_pan=12.0), OPTIONS[:5]
+    said = cli.json('compare', bag, *s, '--json')
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS[: len(errors)], abs=0.03) and len(errors) > 2
+    assert "'camera' moves in 'arm_base' by /tf and /tf_static, which is used" in said['notes']
+    assert any("from 'camera' to 'mount' is not known at" in note for note in said['notes'])
+    (model,) = cli.json('compare', bag, *s, '--align', 'fit', '--json')['models'].values()
+    assert model['average_tip_error_percent'] > 2.0 * np.mean(TIP_ERRORS)
 
 
 def test_without_the_base_markers_are_in_the_root_and_aligned(tmp_path, cli):
