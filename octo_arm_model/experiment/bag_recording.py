@@ -1,17 +1,17 @@
 """Readers of tensions, encoder readings and measured points in a bag."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.errors import BagError, MeasurementError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.bags.reader import BagReader, Record, stamp_of
 from octo_arm_model.bags.topics import ArmTopics, Source, describe, namespace
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.csv_recording import NO_READING, CsvSources
 from octo_arm_model.experiment.recording import Count, MarkerSources, MeasuredPoints, StampedRows
 from octo_arm_model.experiment.transform_tree import TransformTree
@@ -69,24 +69,27 @@ class MeasuredTopics:
         Raises:
             MeasurementError: if no transforms of TF lead to a marker, or there are too many.
         """
-        rows, frames = StampedRows(', '.join(self.topics)), dict[int, FloatArray]()
+        rows = StampedRows(', '.join(self.topics))
+        found: Iterable[tuple[int, FloatArray] | tuple[int, FloatArray, int]]
         if self._measured.marker_frames:
-            pairs = self._read_transforms(points, base_frame, refusals)
+            found = self._read_transforms(points, base_frame, refusals)
         else:
-            pairs = (
-                (stamp_ns, frame)
-                for _, stamp_ns, frame in read_messages(
+            found = (
+                (stamp_ns, frame, record.received_ns)
+                for record, stamp_ns, frame in read_messages(
                     self._reader, self.topics, partial(self._read, points), refusals, self._count
                 )
             )
-        for stamp, frame in pairs:
+        merged: dict[int, tuple[FloatArray, list[int]]] = {}
+        for stamp, frame, *received in found:
             if self._measured.marker_frames or len(self.topics) > 1:
+                whole, _ = merged.setdefault(stamp, (frame, received))
                 visible = np.isfinite(frame)
-                frames.setdefault(stamp, frame)[visible] = frame[visible]
+                whole[visible] = frame[visible]
             else:
-                rows.add(stamp, frame)
-        for stamp in sorted(frames):
-            rows.add(stamp, frames[stamp])
+                rows.add(stamp, frame, *received)
+        for stamp, (frame, received) in sorted(merged.items()):
+            rows.add(stamp, frame, *received)
         if self._measured.is_aligned or points.frame_id in (None, '', base_frame):
             return rows
         return self._in_base_frame(rows, points, base_frame, refusals, notes)
@@ -106,10 +109,11 @@ class MeasuredTopics:
         if not tree.moves(frame, base_frame):
             return rows
         moved = StampedRows(rows.source)
-        for stamp, row in zip(rows.stamps, rows.rows):
+        for stamp, row, received in zip(rows.stamps, rows.rows, rows.received, strict=True):
             try:
                 pose = tree.pose(frame, base_frame, stamp)
-                moved.add(stamp, Alignment.from_pose(pose).to_base(row))
+                turn = Rotation.from_quat(np.array(pose.quaternion))
+                moved.add(stamp, turn.apply(row) + pose.position, received)
             except MeasurementError as error:
                 refusals.count(rows.source, str(error))
         points.frame_id = base_frame
@@ -307,8 +311,7 @@ def read_readings(
         if row is None:
             lengths = reading.displacements or {}
             row = np.array([lengths.get(name, np.nan) for name in names])
-        rows.add(reading.stamp.ns, row.ravel())
-        rows.received.append(record.received_ns)
+        rows.add(reading.stamp.ns, row.ravel(), record.received_ns)
     return rows
 
 

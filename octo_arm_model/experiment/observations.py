@@ -45,6 +45,7 @@ _ELSE = (
     'where it changes slowly instead of in steps, say --ramp; where each row is a static pose, '
     'as in a table of poses, say --poses'
 )
+_APART = '--clock-offset is added to stamps of frames'
 
 
 @dataclass(frozen=True)
@@ -211,10 +212,11 @@ def observe(
         if kind != MOMENTS:
             ends = f'{windows[0].start:.3f} to {windows[-1].stop:.3f} s'
             within = f' lies in one of {len(windows)} {kind} from {ends} with'
+        is_apart = seen[0] > time[-1] or seen[-1] < time[0]
         raise SolveError(
             f'nothing to compare: none of {len(frames)} frames from {seen[0]:.3f} to '
             f'{seen[-1]:.3f} s{within} {what}s within {pairing.tolerance:g} s; '
-            f'{_ELSE if kind == STEPS else "--clock-offset is added to stamps of frames"}'
+            + (_ELSE if kind == STEPS and not is_apart else _APART)
         )
     notes.append(
         f'{len(windows)} {kind}, {len(shapes)} of them with frames: {used} of {len(frames)} used'
@@ -298,6 +300,8 @@ def camera_offset(
     """Return the offset of the camera's clock [s], given or estimated; ``notes`` say which."""
     if pairing.offset is not None:
         return pairing.offset
+    # Times of receipt tell clocks that differ by more than a message may be late.
+    told = recording.receipt_offset if abs(recording.receipt_offset) > RANGE else 0.0
     why = None
     if pairing.kind == POSES:
         why = 'the stamps say which frames show which pose'
@@ -310,14 +314,17 @@ def camera_offset(
         seen = np.isfinite(tips).all(axis=1)
         if seen.any():
             held, at = (recording.tension_time, recording.tensions), recording.frame_time[seen]
-            if (found := clock_offset(config.arm, *held, at, tips[seen])) is not None:
+            found = clock_offset(config.arm, *held, at + told, tips[seen])
+            if found is not None:
                 notes.append(
-                    f'clock offset {found:+.2f} s on the stamps of frames, found from the motion'
+                    f'clock offset {told + found:+.2f} s on the stamps of frames, found from the '
+                    f'motion{" and times of receipt" if told else ""}'
                 )
-                return found
+                return told + found
         why = f'the motion does not clearly tell one within {RANGE:g} s'
-    notes.append(f'clock offset taken as 0 s: {why}')
-    return 0.0
+    by = ' by times of receipt' if told else ''
+    notes.append(f'clock offset taken as {told:.6g} s{by}: {why}')
+    return told
 
 
 def _read_in(window: Window, times: FloatArray | None, recording: Recording) -> Window:

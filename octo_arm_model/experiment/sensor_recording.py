@@ -33,7 +33,7 @@ from octo_arm_model.experiment.bag_recording import (
     read_transforms,
     tf_topics,
 )
-from octo_arm_model.experiment.camera import Alignment, CameraCheck
+from octo_arm_model.experiment.camera import RANGE, Alignment, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
 from octo_arm_model.experiment.observations import Pairing, base_first, camera_offset
 from octo_arm_model.experiment.recording import (
@@ -158,6 +158,7 @@ def read_sensor_recording(
     if not groups:
         where = ', '.join(sensors.all)
         raise BagError(f'{reader.path}: nothing measured on {where}{refusals.in_short}')
+    notes += _clocks(groups)
     usual = ArmTopics(reader, sensors.prefix).usual(MIDLINE, MIDLINES)
     topic = sources.midlines
     if topic is None and len(usual) == 1:
@@ -178,6 +179,21 @@ def read_sensor_recording(
     return SensorRecording(
         given, config, sensors, settings, models, groups, origin, camera, refusals, notes
     )
+
+
+def _clocks(groups: Sequence[Sequence[StampedMeasurement]]) -> list[str]:
+    """Return a remark on clocks that differ by more than a message may be late."""
+    delays: dict[str, list[int]] = {}
+    for one in itertools.chain(*groups):
+        delays.setdefault(one.measurement.name, []).append(one.received_ns - one.stamp_ns)
+    late = {name: 1e-9 * float(np.median(found)) for name, found in delays.items()}
+    ahead, behind = min(late, key=late.__getitem__), max(late, key=late.__getitem__)
+    if late[behind] - late[ahead] <= RANGE:
+        return []
+    return [
+        f'by times of receipt stamps of {ahead} are {late[behind] - late[ahead]:.6g} s ahead of '
+        f'those of {behind}: they are not combined, expected one clock'
+    ]
 
 
 def _aligned(alignment: Alignment, turned: set[str], frame: str, _: int) -> Pose:

@@ -117,8 +117,13 @@ class TransformTree:
         return {one, other} <= known and self.chain(one)[-1] == self.chain(other)[-1]
 
     def moves(self, frame: str, target: str) -> bool:
-        """Whether transforms that are not static lead from ``frame`` to ``target``."""
-        return self.connects(frame, target) and math.isfinite(self.known_until(frame, target))
+        """Whether transforms lead from ``frame`` to ``target``, and one of them changes."""
+        if not self.connects(frame, target):
+            return False
+        links = (self._links[child] for child, _ in self._path(frame, target))
+        return any(
+            np.ptp(np.reshape(link.numbers, (-1, _NUMBERS)), axis=0).any() for link in links
+        )
 
     def chain(self, frame: str) -> list[str]:
         """Return ``frame``, its parent, and so on up to the root.

@@ -457,6 +457,32 @@ def test_a_camera_that_moves_by_tf_is_not_one_at_rest(tmp_path, cli):
     assert any("from 'camera' to 'mount' is not known at" in note for note in said['notes'])
     (model,) = cli.json('compare', bag, *s, '--align', 'fit', '--json')['models'].values()
     assert model['average_tip_error_percent'] > 2.0 * np.mean(TIP_ERRORS)
+    # With one stamp it does not move.
+    once = chain_bag(tmp_path / 'once', as_poses=True, last_pan=0.1)
+    assert any(
+        'the alignment is fitted' in one
+        for one in cli.json('compare', once, *s, '--json')['notes']
+    )
+
+
+@pytest.mark.parametrize('ahead', [100.0, -7.25])
+def test_clocks_that_differ_by_more_than_messages_are_late_are_told_by_receipt(
+    ahead, tmp_path, cli
+):
+    time, pulled, times = staircase_of()
+    samples: list[Sample] = [description(model='exact'), *tension_samples(time, pulled)]
+    for at, tension in zip(times, np.interp(times, time, pulled)):
+        (sample,) = pose_array(seen(float(tension), MARKER_S), nanoseconds(at + ahead))
+        samples.append(sample._replace(received_ns=nanoseconds(at + 0.05)))
+    bag, s = bag_of(tmp_path / 'bag', samples), OPTIONS[:5]
+    said = cli.json('compare', bag, *s, '--json')
+    assert said['clock_offset'] == pytest.approx(-ahead, abs=0.1)
+    errors = [step['tip_error_percent'] for step in said['steps']]
+    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
+    notes = cli.json('estimate', bag, *s, '--markers', '/mocap/markers', '--json')['notes']
+    assert any('receipt stamps of' in note and 's ahead of those of' in note for note in notes)
+    refusal = cli.refused('compare', bag, *s, '--clock-offset', '1000', status=1)
+    assert refusal.endswith('; --clock-offset is added to stamps of frames\n')
 
 
 def test_without_the_base_markers_are_in_the_root_and_aligned(tmp_path, cli):
