@@ -12,7 +12,7 @@ from octo_arm_model.cli.files import Bar, check_out, writing
 from octo_arm_model.cli.recordings import ALL, RECORDINGS, of_each, read_options, recording_options
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment import identification
-from octo_arm_model.experiment.compare import compare, write_tables
+from octo_arm_model.experiment.compare import write_tables
 from octo_arm_model.experiment.fit import LOSSES
 from octo_arm_model.experiment.identification import Identification
 from octo_arm_model.experiment.identify import identify
@@ -198,7 +198,7 @@ def run(options: argparse.Namespace) -> int:
     if options.pictures is not None:
         from octo_arm_model.experiment.pictures import pictures_of_fit, save_all
 
-        pictures = pictures_of_fit(fitted, observations.shapes, trajectory)
+        pictures = pictures_of_fit(fitted)
         with writing(options.pictures, folder=True) as place, Bar('pictures') as bar:
             save_all(pictures, place, bar.on_terminal)
         notes.append(f'{len(pictures)} pictures are in {options.pictures}')
@@ -211,11 +211,8 @@ def run(options: argparse.Namespace) -> int:
     elif options.out is not None:
         notes.append(f'{options.out} is not written: the data do not determine the arm')
     if options.csv is not None and best.is_trustworthy:
-        shapes = best.with_tensions(observations.shapes)
-        with Bar('steps of the fitted arm') as bar:
-            fitted_arm = compare(
-                shapes, best.parameters, best.model, best.alignment, bar.on_terminal, trajectory
-            )
+        with Bar('steps of the fitted arm'):
+            fitted_arm = best.comparison
         names = Config.from_parameters(best.parameters).arm.tendon_names
         with writing(options.csv, folder=True) as place:
             tables = write_tables(place, [fitted_arm], names)

@@ -38,6 +38,7 @@ _HEADER = re.compile(
 )
 _COMMENT = re.compile(r'#(?=\s*[^\W\d])')  # before the first name
 _FIRST = re.compile(r'^.*[^\s,;].*$', re.MULTILINE)  # a line with more than separators
+_DECIMAL_COMMA = re.compile(r'\d,\d')
 _MISSING = ('', 'nan', 'NaN', 'NAN')
 _EXPECTED = (
     'expected lines of headers, or none, and below them only rows of as many numbers: remove all '
@@ -276,7 +277,8 @@ def read_csv(path: Path, given: Mapping[str, str], has_time: bool = True) -> Csv
     columns, first = _headers(rows) if rows else ((), 0)
     rows, lines = rows[first:], lines[first:]
     if not rows:
-        raise MeasurementError(f'{path}: no row of numbers, expected some below a header')
+        point = ' with a decimal point' if separator != ',' and _DECIMAL_COMMA.search(text) else ''
+        raise MeasurementError(f'{path}: no row of numbers{point}, expected some below a header')
     if len(rows) > MAX_CSV_ROWS:
         raise MeasurementError(f'{path}, line {lines[-1]}: more than {MAX_CSV_ROWS} rows')
     for cells, line in zip(rows, lines, strict=True):

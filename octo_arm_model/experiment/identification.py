@@ -1,6 +1,7 @@
 """The result of a fit: its parameter file, and the choice among several models."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,9 +13,10 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.experiment.camera import Alignment
-from octo_arm_model.experiment.fit import Problem
+from octo_arm_model.experiment.compare import ModelComparison, compare
+from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.observations import MeasuredShape
-from octo_arm_model.experiment.uncertainty import Estimate, Misfit, misfit_of
+from octo_arm_model.experiment.uncertainty import Estimate, Misfit
 from octo_arm_model.experiment.unknowns import ALIGNMENT, Unknowns, is_of_arm
 
 
@@ -41,6 +43,8 @@ class Identification:
             contained in `Estimate.model_stddev` [m]; None if no load was left out.
         tip_stddev: standard deviation of each coordinate of the tip at left-out loads, without the
             camera's noise, over the length [-]; None if no load was left out.
+        shapes: the measurements that it is fitted to.
+        trajectory: tensions along which the arm moves; None for equilibria.
     """
 
     model: str
@@ -58,6 +62,8 @@ class Identification:
     step_misfits: tuple[tuple[tuple[int, ...], Misfit], ...] = ()
     floor: float | None = None
     tip_stddev: float | None = None
+    shapes: tuple[MeasuredShape, ...] = ()
+    trajectory: TensionTrajectory | None = None
 
     @property
     def is_trustworthy(self) -> bool:
@@ -65,29 +71,19 @@ class Identification:
         names = [name for name in self.estimates if is_of_arm(name)] or list(self.estimates)
         return any(self.estimates[name].value is not None for name in names)
 
-    def with_tensions(self, shapes: Sequence[MeasuredShape]) -> list[MeasuredShape]:
-        """Return the fitted ``shapes`` with the tensions of the fit."""
-        return [
+    @functools.cached_property
+    def comparison(self) -> ModelComparison:
+        """The fitted arm compared with the measurements, under the tensions of the fit.
+
+        Raises:
+            OctoArmError: as `compare`.
+        """
+        shapes = [
             dataclasses.replace(shape, window=dataclasses.replace(shape.window, tensions=row))
-            for shape, row in zip(shapes, self.tensions, strict=True)
+            for shape, row in zip(self.shapes, self.tensions, strict=True)
         ]
-
-
-def unfitted(
-    problem: Problem, loss: str, parameters: Mapping[str, Any], alignment: Alignment
-) -> Identification:
-    """Return the result of a ``problem`` before any fit, whose unknowns have no values."""
-    unknowns = problem.unknowns
-    return Identification(
-        model=unknowns.model,
-        loss=loss,
-        estimates={u.name: Estimate(None, None, None, u.unit) for u in unknowns.unknowns},
-        undetermined=(),
-        before=misfit_of(problem.residuals(unknowns.start), problem.length),
-        parameters=parameters,
-        alignment=alignment,
-        tensions=unknowns.readings.tensions,
-    )
+        fitted = self.parameters, self.model, self.alignment
+        return compare(shapes, *fitted, trajectory=self.trajectory)
 
 
 def as_config(fitted: Identification, source: str) -> str:

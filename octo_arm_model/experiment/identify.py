@@ -16,18 +16,12 @@ import numpy as np
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.experiment import uncertainty
 from octo_arm_model.experiment.camera import Alignment, undetermined
-from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fit import LOSSES, SOFT_L1, Problem, fit_alignment
-from octo_arm_model.experiment.identification import (
-    Identification,
-    at_ends,
-    strong_pairs,
-    unfitted,
-)
+from octo_arm_model.experiment.identification import Identification, at_ends, strong_pairs
 from octo_arm_model.experiment.motion import MotionProblem, TensionTrajectory
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.steady_windows import UNLOADING
-from octo_arm_model.experiment.uncertainty import OpenDirection, misfit_of, noise_of
+from octo_arm_model.experiment.uncertainty import Estimate, OpenDirection, misfit_of, noise_of
 from octo_arm_model.experiment.unknowns import ALIGNMENT, AXIAL, Readings, Scale, Unknowns
 
 # Noise does not explain a misfit above this multiple of the noise.
@@ -117,7 +111,19 @@ def identify(  # noqa: PLR0913 - options of a command
     first = without(())
     if isinstance(first, MotionProblem):
         first.check_swing()
-    nothing = unfitted(first, loss, parameters, start)
+    unknowns = first.unknowns
+    nothing = Identification(
+        model=model,
+        loss=loss,
+        estimates={one.name: Estimate(None, None, None, one.unit) for one in unknowns.unknowns},
+        undetermined=(),
+        before=misfit_of(first.residuals(unknowns.start), first.length),
+        parameters=parameters,
+        alignment=start,
+        tensions=readings.tensions,
+        shapes=first.shapes,
+        trajectory=trajectory,
+    )
 
     def fit_all(problem: Problem) -> Identification | OpenDirection:
         tried = []
@@ -294,8 +300,7 @@ def _branch_notes(problem: Problem, result: Identification) -> list[str]:
     """Return remarks on loading and unloading, if the modulus is fitted."""
     if 'youngs_modulus' not in problem.unknowns.names:
         return []
-    shapes = result.with_tensions(problem.shapes)
-    fitted = compare(shapes, result.parameters, result.model, result.alignment)
+    fitted = result.comparison
     if UNLOADING in (step.direction for step in fitted.steps) and fitted.notes:
         return [
             *fitted.notes,

@@ -18,9 +18,8 @@ from octo_arm_model.analysis.drawing import in_millimetres
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment.camera import CameraErrors
-from octo_arm_model.experiment.compare import ModelComparison, StepComparison, compare
+from octo_arm_model.experiment.compare import ModelComparison, StepComparison
 from octo_arm_model.experiment.identification import Identification, rank
-from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.steady_windows import LOADING, REST, UNLOADING
 from octo_arm_model.experiment.unknowns import is_of_arm
@@ -286,11 +285,7 @@ def _draw_points(panel: Any, comparison: ModelComparison, percent: FloatArray) -
 _FEW = 2  # points of a shape that has no residuals along the arm, such as a tip
 
 
-def pictures_of_fit(
-    fitted: Sequence[Identification],
-    shapes: Sequence[MeasuredShape],
-    trajectory: TensionTrajectory | None = None,
-) -> dict[str, Callable[[], Any]]:
+def pictures_of_fit(fitted: Sequence[Identification]) -> dict[str, Callable[[], Any]]:
     """Return functions that draw the pictures of the ``fitted`` models, by name."""
     pictures: dict[str, Callable[[], Any]] = {}
     # Units of the parameters that any model has a value for, without poses and zeros.
@@ -303,14 +298,10 @@ def pictures_of_fit(
     if units:
         pictures['intervals'] = lambda: _draw_intervals(fitted, units)
     known = [one for one in fitted if one.after is not None]
-    if trajectory is not None:
-        of_motion = [
-            compare(shapes, one.parameters, one.model, one.alignment, trajectory=trajectory)
-            for one in known
-        ]
-        return pictures | (pictures_of_comparison(of_motion) if known else {})
-    if known and all(len(shape.points) > _FEW for shape in shapes):
-        pictures['residuals_along_s'] = lambda: _draw_residuals(known, shapes)
+    if known and known[0].trajectory is not None:
+        return pictures | pictures_of_comparison([one.comparison for one in known])
+    if known and all(len(shape.points) > _FEW for shape in known[0].shapes):
+        pictures['residuals_along_s'] = lambda: _draw_residuals(known)
     return pictures
 
 
@@ -346,15 +337,14 @@ def _draw_intervals(fitted: Sequence[Identification], units: Mapping[str, str]) 
     return figure
 
 
-def _draw_residuals(fitted: Sequence[Identification], shapes: Sequence[MeasuredShape]) -> Any:
+def _draw_residuals(fitted: Sequence[Identification]) -> Any:
     """Draw residuals over s by tension: a column for each model, a row for each base axis."""
     figure = Figure(figsize=(4.4 * len(fitted) + 1.0, 6.6), layout='constrained')
     panels = figure.subplots(3, len(fitted), squeeze=False, sharex=True, sharey=True)
-    colours = tension_colours(shapes)
+    colours = tension_colours(fitted[0].shapes)
     for column, one in enumerate(fitted):
         base = Rotation.from_quat(Config.from_parameters(one.parameters).base.quaternion)
-        comparison = compare(one.with_tensions(shapes), one.parameters, one.model, one.alignment)
-        for step in comparison.steps:
+        for step in one.comparison.steps:
             away = base.inv().apply(step.away)
             style = '-' if step.shape.s is None else 'o:'
             colour = colours.to_rgba(step.shape.tension)

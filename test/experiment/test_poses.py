@@ -432,6 +432,7 @@ TRACK = 'time,x,y,z\n0,0,0,0\n'
         ('time [h]' + LOADS[4:], TRACK, "time is in 'h', expected s or ms or us or ns"),
         ('time,time\n0,1\n', TRACK, "2 columns 'time'; say which by its number, as #1"),
         ('time,a\n', TRACK, 'no row of numbers, expected some below a header'),
+        ('time;a\n0,5;1,0\n', TRACK, 'no row of numbers with a decimal point, expected'),
         (LOADS + ',0,0,0,0\n', TRACK, 'line 3: time is nan s, expected a time below'),
         (LOADS + '3e9,0,0,0,0\n', TRACK, 'line 3: time is 3000000000.0 s, expected a time below'),
         (LOADS, 'time,x,y\n0,0,0\n', 'track.csv: no column z; it has time, x, y; of a picture'),
