@@ -30,8 +30,8 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
 from octo_arm_model import Config
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.parameter_files import load_parameters, parameters_as_yaml
-from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.midlines import resample
 from octo_arm_model.experiment.observations import MeasuredShape, mean_shape
 from octo_arm_model.experiment.recording import Recording
@@ -42,7 +42,7 @@ ARM = Config.from_parameters(PARAMETERS).arm
 HELD = (0.0, 0.53, 1.09, 2.0, 2.6, 3.06, 3.44, 3.95)  # steps of Table 1, and rest [N]
 STEPS = HELD[1:]
 TRUE = 1.23e5  # Young's modulus of the arms of `measured` [Pa]; the preset has 1.1e5
-FAR = Alignment(np.array([2.0, -0.9, 0.7]), np.array([0.12, 0.05, 0.6]))
+FAR = Pose.turned(np.array([2.0, -0.9, 0.7]), np.array([0.12, 0.05, 0.6]))
 
 
 def one_tendon(tension: float) -> np.ndarray:
@@ -135,7 +135,7 @@ def recording(
         tension: midline(model, one_tendon(tension), 31, **changes)
         for tension in np.unique(np.interp(times, time, pulled))
     }
-    frames = [FAR.to_camera(lines[tension]) for tension in np.interp(times, time, pulled)]
+    frames = [FAR.from_base(lines[tension]) for tension in np.interp(times, time, pulled)]
     return Recording(PARAMETERS, time, tensions, times + ahead, tuple(frames), 'camera')
 
 

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import load_parameters, preset_path
-from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.fit import LOSSES
 from octo_arm_model.experiment.identification import best_of, disagreements, envelope_of
 from octo_arm_model.experiment.identify import identify
@@ -119,8 +119,8 @@ def laboratory(arm: Truth, kind: Kind, seed: int) -> tuple[Recording, float]:
     sign = np.where(np.arange(held.size) <= TENSIONS.size, -1.0, 1.0)
     gain = 1.0 + sign * kind.friction * rng.uniform(0.5, 1.5, held.size)
     effective = np.interp(frames, corners, np.repeat(held * gain, 2)) / factor
-    camera = Alignment(rng.normal(0.0, 0.03, 3), rng.normal(0.0, 0.005, 3))
-    lines = camera.to_camera(arm.midline(effective))
+    camera = Pose.turned(rng.normal(0.0, 0.03, 3), rng.normal(0.0, 0.005, 3))
+    lines = camera.from_base(arm.midline(effective))
     lines += 5e-4 * rng.standard_normal(lines.shape)
     young = factor * float(arm.parameters['material.youngs_modulus'])
     return Recording(

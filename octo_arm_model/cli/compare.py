@@ -4,6 +4,7 @@ import argparse
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +127,7 @@ def as_dict(
         'models': {
             comparison.model: {
                 'average_tip_error_percent': _average(comparison.percent('tip')),
-                'alignment_camera_to_base': comparison.alignment.as_dict(),
+                'alignment_camera_to_base': asdict(comparison.alignment),
                 'refused': list(comparison.refused),
                 'notes': list(comparison.notes),
             }

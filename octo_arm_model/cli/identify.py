@@ -69,7 +69,7 @@ def as_dict(
             }
             for fit in fitted
         ],
-        'alignment_camera_to_base': best.alignment.as_dict(),
+        'alignment_camera_to_base': dataclasses.asdict(best.alignment),
         'steps': len(observations.shapes),
         'clock_offset': observations.offset,
         'notes': [*notes, *best.notes],
@@ -193,7 +193,7 @@ def run(options: argparse.Namespace) -> int:
     best = identification.best_of(fitted)
     notes += identification.disagreements(fitted)
     if 'alignment' in fits:
-        pose = *best.alignment.shift, *best.alignment.quaternion
+        pose = *best.alignment.position, *best.alignment.quaternion
         notes.append(f'the camera is at --align {" ".join(f"{one:.6g}" for one in pose)}')
     if options.pictures is not None:
         from octo_arm_model.experiment.pictures import pictures_of_fit, save_all

@@ -12,7 +12,6 @@ from octo_arm_model.cli import arguments
 from octo_arm_model.cli.files import Bar
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import load_yaml, read_text, reading
-from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.csv_recording import DISPLACEMENT, CsvSources
 from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.observations import (
@@ -174,9 +173,7 @@ T = TypeVar('T')
 
 def read_options(
     options: argparse.Namespace, default_models: Sequence[str] = ()
-) -> tuple[
-    Recording, Observations, list[str], Alignment | None, list[str], TensionTrajectory | None
-]:
+) -> tuple[Recording, Observations, list[str], Pose | None, list[str], TensionTrajectory | None]:
     """Read the recording of `recording_options`, and prepare its comparison.
 
     Without --model the models are ``default_models``, or that of the config if there are none; an
@@ -226,7 +223,7 @@ def read_options(
     config = Config.from_parameters(recording.parameters)
     notes: list[str] = []
     if not options.align and recording.frame_id == config.base_frame:
-        alignment = Alignment.none()
+        alignment = Pose()
         notes.append(f'midlines are in base_frame, {config.base_frame}: no alignment')
     elif not options.align:
         notes.append(
@@ -268,7 +265,7 @@ def of_each(
     return results
 
 
-def read_alignment(words: Sequence[str]) -> Alignment | None:
+def read_alignment(words: Sequence[str]) -> Pose | None:
     """Return the alignment that ``--align`` gives; None if it is to be fitted.
 
     Raises:
@@ -277,7 +274,7 @@ def read_alignment(words: Sequence[str]) -> Alignment | None:
     if list(words) == ['fit']:
         return None
     if list(words) == ['none']:
-        return Alignment.none()
+        return Pose()
     try:
         x, y, z, *quaternion = (float(word) for word in words)
         a, b, c, d = quaternion
@@ -286,7 +283,7 @@ def read_alignment(words: Sequence[str]) -> Alignment | None:
             f'--align is {" ".join(words)}, expected fit, none or X Y Z QX QY QZ QW'
         ) from None
     names = '--align: position', '--align: quaternion'
-    return Alignment.from_pose(Pose((x, y, z), (a, b, c, d), names))
+    return Pose((x, y, z), (a, b, c, d), names)
 
 
 def read_columns(words: Sequence[str]) -> dict[str, str]:

@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.errors import BagError, MeasurementError, OctoArmError
 from octo_arm_model.arm.hints import FloatArray
@@ -112,8 +111,7 @@ class MeasuredTopics:
         for stamp, row, received in zip(rows.stamps, rows.rows, rows.received, strict=True):
             try:
                 pose = tree.pose(frame, base_frame, stamp)
-                turn = Rotation.from_quat(np.array(pose.quaternion))
-                moved.add(stamp, turn.apply(row) + pose.position, received)
+                moved.add(stamp, pose.to_base(row), received)
             except MeasurementError as error:
                 refusals.count(rows.source, str(error))
         points.frame_id = base_frame

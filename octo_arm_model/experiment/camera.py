@@ -49,53 +49,7 @@ _OUTLYING = 3.0  # outliers of a fitted alignment are this many median distances
 _FITS = 4  # fits of the alignment, each without the outliers of the previous one
 
 
-@dataclass(frozen=True)
-class Alignment:
-    """The transform camera to base: position_in_base = R position_in_camera + shift.
-
-    Attributes:
-        turn: rotation vector of R [rad], (3,).
-        shift: position of the camera's origin in base_frame [m], (3,).
-    """
-
-    turn: FloatArray
-    shift: FloatArray
-
-    @classmethod
-    def none(cls) -> 'Alignment':
-        """Return the identity, for a camera whose frame is base_frame."""
-        return cls(np.zeros(3), np.zeros(3))
-
-    @classmethod
-    def from_pose(cls, pose: Pose) -> 'Alignment':
-        """Return the alignment of a camera with this ``pose`` in base_frame."""
-        turn = Rotation.from_quat(np.array(pose.quaternion)).as_rotvec()
-        return cls(turn, np.array(pose.position))
-
-    @property
-    def rotation(self) -> FloatArray:
-        """The rotation R, (3, 3)."""
-        return Rotation.from_rotvec(self.turn).as_matrix()
-
-    @property
-    def quaternion(self) -> FloatArray:
-        """The rotation as x, y, z, w."""
-        return Rotation.from_rotvec(self.turn).as_quat()
-
-    def to_base(self, points: FloatArray) -> FloatArray:
-        """Transform ``points`` (..., 3) [m] from the camera's frame to base_frame."""
-        return points @ self.rotation.T + self.shift
-
-    def to_camera(self, points: FloatArray) -> FloatArray:
-        """Transform ``points`` (..., 3) [m] from base_frame to the camera's frame."""
-        return (points - self.shift) @ self.rotation
-
-    def as_dict(self) -> dict[str, list[float]]:
-        """Return position [m] and quaternion x, y, z, w as lists, for JSON."""
-        return {'position': self.shift.tolist(), 'quaternion': self.quaternion.tolist()}
-
-
-def align(camera: FloatArray, base: FloatArray) -> Alignment:
+def align(camera: FloatArray, base: FloatArray) -> Pose:
     """Return the rigid motion that brings points ``camera`` (n, 3) nearest to ``base`` (n, 3).
 
     It minimises the sum of squared distances. For points on a line the rotation about the line is
@@ -105,7 +59,7 @@ def align(camera: FloatArray, base: FloatArray) -> Alignment:
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', UserWarning)  # of points on a line
         turn, _ = Rotation.align_vectors(base - to_mean, camera - from_mean)
-    return Alignment(turn.as_rotvec(), to_mean - turn.apply(from_mean))
+    return Pose.turned(turn.as_rotvec(), to_mean - turn.apply(from_mean))
 
 
 def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
@@ -233,7 +187,7 @@ class CameraCheck:
         recording: Recording,
         offset: float,
         lines: Sequence[FloatArray],
-        alignment: Alignment | None,
+        alignment: Pose | None,
         solver: Solver,
     ) -> None:
         """Compare with the ``lines`` of a ``recording`` of a ``topic``, from the base on.
@@ -287,7 +241,7 @@ class CameraCheck:
 
 
 def _distances(
-    lines: Sequence[FloatArray], shapes: Sequence[FloatArray], alignment: Alignment | None
+    lines: Sequence[FloatArray], shapes: Sequence[FloatArray], alignment: Pose | None
 ) -> tuple[FloatArray, FloatArray]:
     """Return the distances of the tip and the mean ones of midlines, each (frames,) [m]."""
     curves = list(map(Curve, shapes))
@@ -301,7 +255,7 @@ def aligned(
     lines: Sequence[FloatArray],
     curves: Sequence[Curve],
     marker_fractions: Sequence[FloatArray] = (),
-) -> Alignment:
+) -> Pose:
     """Return the rigid motion that brings ``lines`` nearest to ``curves``, without outliers.
 
     Markers are paired with the points of the curves at ``marker_fractions`` of the lengths.

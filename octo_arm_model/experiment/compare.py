@@ -11,9 +11,10 @@ import numpy as np
 
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.files import STATION_COLUMNS, CsvFiles, station_rows, tension_columns
-from octo_arm_model.experiment.camera import Alignment, undetermined
+from octo_arm_model.experiment.camera import undetermined
 from octo_arm_model.experiment.fit import fit_alignment, shape_residuals
 from octo_arm_model.experiment.midlines import Curve, MidlineErrors, midline_errors
 from octo_arm_model.experiment.motion import TensionTrajectory, moving_shapes
@@ -81,7 +82,7 @@ class ModelComparison:
 
     model: str
     length: float
-    alignment: Alignment
+    alignment: Pose
     steps: tuple[StepComparison, ...]
     refused: tuple[str, ...]
     notes: tuple[str, ...]
@@ -102,7 +103,7 @@ def compare(
     shapes: Sequence[MeasuredShape],
     parameters: Mapping[str, Any],
     model: str,
-    alignment: Alignment | None,
+    alignment: Pose | None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     trajectory: TensionTrajectory | None = None,
 ) -> ModelComparison:

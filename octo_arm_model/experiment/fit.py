@@ -24,7 +24,8 @@ from octo_arm_model.arm.errors import (
     TensionError,
 )
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.experiment.camera import Alignment, aligned
+from octo_arm_model.arm.pose import Pose
+from octo_arm_model.experiment.camera import aligned
 from octo_arm_model.experiment.midlines import Curve
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.experiment.shape_changes import ShapeChange, shape_changes
@@ -367,7 +368,7 @@ def followed(solver: Solver, tensions: Iterable[FloatArray]) -> list[Backbone]:
 
 def fit_alignment(
     shapes: Sequence[MeasuredShape], parameters: Mapping[str, Any], model: str
-) -> Alignment:
+) -> Pose:
     """Return the alignment, one for all steps, that brings ``shapes`` nearest to the given arm.
 
     Raises:
@@ -375,7 +376,7 @@ def fit_alignment(
         MeasurementError: if there are too few points, or a midline does not begin near the base.
     """
     readings = Readings.of(shapes)
-    unknowns = Unknowns(parameters, model, ['alignment'], readings, Alignment.none())
+    unknowns = Unknowns(parameters, model, ['alignment'], readings, Pose())
     problem = Problem(shapes, unknowns)
     models = problem.backbones(unknowns.start)
     curves = [Curve(model.position) for model in models]
@@ -385,7 +386,7 @@ def fit_alignment(
         if shape.s is not None
     ]
     initial = aligned([shape.points for shape in shapes], curves, markers)
-    x, _ = problem.solve(start=np.concatenate([initial.shift, initial.turn]))
+    x, _ = problem.solve(start=np.concatenate([initial.position, initial.turn]))
     return unknowns.alignment(x)
 
 

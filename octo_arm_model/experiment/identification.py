@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
-from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.compare import ModelComparison, compare
 from octo_arm_model.experiment.motion import TensionTrajectory
 from octo_arm_model.experiment.observations import MeasuredShape
@@ -53,7 +53,7 @@ class Identification:
     undetermined: tuple[str, ...]
     before: Misfit
     parameters: Mapping[str, Any]
-    alignment: Alignment
+    alignment: Pose
     tensions: FloatArray
     correlations: FloatArray | None = None
     notes: tuple[str, ...] = ()

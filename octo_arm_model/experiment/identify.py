@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment import uncertainty
-from octo_arm_model.experiment.camera import Alignment, undetermined
+from octo_arm_model.experiment.camera import undetermined
 from octo_arm_model.experiment.fit import LOSSES, SOFT_L1, Problem, fit_alignment
 from octo_arm_model.experiment.identification import Identification, at_ends, strong_pairs
 from octo_arm_model.experiment.motion import MotionProblem, TensionTrajectory
@@ -65,7 +66,7 @@ def identify(  # noqa: PLR0913 - options of a command
     parameters: Mapping[str, Any],
     model: str,
     fits: Sequence[str] = ('youngs_modulus',),
-    alignment: Alignment | None = None,
+    alignment: Pose | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     loss: str = uncertainty.AUTO,
     trajectory: TensionTrajectory | None = None,
@@ -99,7 +100,7 @@ def identify(  # noqa: PLR0913 - options of a command
     readings, losses = Readings.of(shapes), LOSSES if loss == uncertainty.AUTO else (loss,)
     if alignment is None and 'alignment' in fits:
         alignment = fit_alignment(shapes, parameters, model)
-    start = alignment or Alignment.none()
+    start = alignment or Pose()
 
     def without(names: Collection[str]) -> Problem:
         moves = trajectory is not None

@@ -16,8 +16,9 @@ import numpy as np
 
 from octo_arm_model.arm.errors import ConfigError, MeasurementError, SolveError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.camera import RANGE, Alignment, clock_offset
+from octo_arm_model.experiment.camera import RANGE, clock_offset
 from octo_arm_model.experiment.midlines import is_tip_first, resample
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.experiment.steady_windows import (
@@ -161,7 +162,7 @@ class Observations:
 
 
 def observe(
-    recording: Recording, pairing: Pairing = Pairing(), known: Alignment | None = None
+    recording: Recording, pairing: Pairing = Pairing(), known: Pose | None = None
 ) -> Observations:
     """Return the shapes of the steps of ``recording``; ``known`` is the alignment, if known.
 
@@ -232,7 +233,7 @@ def observe(
 
 
 def _windows(
-    recording: Recording, pairing: Pairing, known: Alignment | None, what: str
+    recording: Recording, pairing: Pairing, known: Pose | None, what: str
 ) -> list[Window]:
     """Return the windows of a recording; none for a motion, which has one for each frame.
 
@@ -257,7 +258,7 @@ def _windows(
     return windows
 
 
-def _check_moving(recording: Recording, known: Alignment | None) -> None:
+def _check_moving(recording: Recording, known: Pose | None) -> None:
     """Check the recording of an arm that moves; ConfigError or MeasurementError if unsuitable."""
     if known is None:
         raise ConfigError(
@@ -273,18 +274,14 @@ def _check_moving(recording: Recording, known: Alignment | None) -> None:
 
 
 def base_first(
-    recording: Recording,
-    pairing: Pairing,
-    config: Config,
-    known: Alignment | None,
-    notes: list[str],
+    recording: Recording, pairing: Pairing, config: Config, known: Pose | None, notes: list[str]
 ) -> Sequence[FloatArray]:
     """Return the midlines of a ``recording`` from base to tip, and add the reason to ``notes``."""
     if recording.is_tips or recording.marker_s is not None:
         return recording.frames
     tip_first, why = pairing.base_end == 'last', 'by --base-end'
     if pairing.base_end is None:
-        base = known.to_camera(np.array(config.base.position)) if known is not None else None
+        base = known.from_base(np.array(config.base.position)) if known is not None else None
         tip_first, why = is_tip_first(recording.frames, base)
     notes.append(f'midlines run from {"tip to base" if tip_first else "base to tip"}: {why}')
     return [points[::-1] for points in recording.frames] if tip_first else recording.frames

@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from scipy.spatial.transform import Rotation
 
 from octo_arm_model.analysis.drawing import in_millimetres
 from octo_arm_model.arm.hints import FloatArray
@@ -343,7 +342,7 @@ def _draw_residuals(fitted: Sequence[Identification]) -> Any:
     panels = figure.subplots(3, len(fitted), squeeze=False, sharex=True, sharey=True)
     colours = tension_colours(fitted[0].shapes)
     for column, one in enumerate(fitted):
-        base = Rotation.from_quat(Config.from_parameters(one.parameters).base.quaternion)
+        base = Config.from_parameters(one.parameters).base.rotation
         for step in one.comparison.steps:
             away = base.inv().apply(step.away)
             style = '-' if step.shape.s is None else 'o:'

@@ -33,7 +33,7 @@ from octo_arm_model.experiment.bag_recording import (
     read_transforms,
     tf_topics,
 )
-from octo_arm_model.experiment.camera import RANGE, Alignment, CameraCheck
+from octo_arm_model.experiment.camera import RANGE, CameraCheck
 from octo_arm_model.experiment.midlines import without_spikes
 from octo_arm_model.experiment.observations import Pairing, base_first, camera_offset
 from octo_arm_model.experiment.recording import (
@@ -73,7 +73,7 @@ class Sources:
     parameters: Mapping[str, Any] | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
     calibration: Mapping[str, Any] = field(default_factory=dict)
-    alignment: Alignment | None = None
+    alignment: Pose | None = None
     clock_offset: float | None = None
     marker_names: tuple[str, ...] = ()
 
@@ -196,10 +196,10 @@ def _clocks(groups: Sequence[Sequence[StampedMeasurement]]) -> list[str]:
     ]
 
 
-def _aligned(alignment: Alignment, turned: set[str], frame: str, _: int) -> Pose:
+def _aligned(alignment: Pose, turned: set[str], frame: str, _: int) -> Pose:
     """Return the pose that is given for any ``frame``, and add this to ``turned``."""
     turned.add(frame)
-    return Pose(tuple(alignment.shift.tolist()), tuple(alignment.quaternion.tolist()))
+    return alignment
 
 
 def _transforms(
@@ -305,7 +305,7 @@ def _camera(
     recording = assemble({}, tensions, None, frames, points, refusals, notes)
     alignment = sources.alignment
     if alignment is None and recording.frame_id == config.base_frame:
-        alignment = Alignment.none()
+        alignment = Pose()
     elif alignment is None:
         notes.append(f'the pose of {recording.frame_id!r} is fitted, once for each shape')
     pairing = Pairing(offset=sources.clock_offset)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.bags.reader import BagReader
 from octo_arm_model.bags.topics import DESCRIPTION, MIDLINE, TABLE, as_described
 from octo_arm_model.bags.writer import LEVEL, TENSIONS, BagWriter, SensorMessages
@@ -16,7 +17,6 @@ from octo_arm_model.config.config import Config
 from octo_arm_model.config.parameter_files import parameters_as_yaml
 from octo_arm_model.estimation.settings import PREFIX
 from octo_arm_model.experiment import csv_recording
-from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.csv_recording import DISPLACEMENT, CsvSources
 from octo_arm_model.experiment.csv_table import check_columns, read_csv
 from octo_arm_model.experiment.recording import MarkerSources, MeasuredPoints
@@ -109,7 +109,7 @@ def _write(
         if has_points and with_points:
             points = MeasuredPoints(measured, config.arm.length)
             frames = csv_recording.csv_frames(table, measured, points, refusals)
-            to_base = (sources.alignment or Alignment.none()).to_base
+            to_base = (sources.alignment or Pose()).to_base
             for stamp, row in zip(frames.stamps, map(to_base, frames.rows)):
                 if marker_s or len(row) > 1:
                     messages.add(MARKERS if marker_s else MIDLINE, stamp, row)

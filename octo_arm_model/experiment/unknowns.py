@@ -16,9 +16,9 @@ import numpy as np
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.arm.stiffness import SectionStiffness, default_highest
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.camera import Alignment
 from octo_arm_model.experiment.observations import MeasuredShape
 from octo_arm_model.rod.solver import Solver
 
@@ -145,7 +145,7 @@ def _check_fits(fits: Sequence[str], model: str, is_driven: bool, moves: bool) -
 
 
 def unknowns_of(
-    config: Config, pulled: Sequence[str], encoders: Sequence[str], alignment: Alignment
+    config: Config, pulled: Sequence[str], encoders: Sequence[str], alignment: Pose
 ) -> dict[str, list[Unknown]]:
     """Return the unknowns of each of `FITS` for the arm of ``config``.
 
@@ -170,7 +170,7 @@ def unknowns_of(
     spool = float(np.mean(np.abs(config.encoders.scale or (1.0,))))
     sheath = arm.sheath_stiffness[0] if arm.sheath_stiffness else 0.0
     units = 3 * [('m', away)] + 3 * [('rad', 1e-2)]
-    pose = zip(ALIGNMENT, units, (*alignment.shift, *alignment.turn))
+    pose = zip(ALIGNMENT, units, (*alignment.position, *alignment.turn))
     return {
         'youngs_modulus': ratio('youngs_modulus', 'Pa', young),
         BENDING: ratio(BENDING, 'N m^2', math.sqrt(math.prod(_bending(arm)))),
@@ -314,7 +314,7 @@ class Unknowns:
         model: str,
         fits: Sequence[str],
         readings: Readings,
-        alignment: Alignment,
+        alignment: Pose,
         without: Collection[str] = (),
         moves: bool = False,
     ) -> None:
@@ -381,11 +381,11 @@ class Unknowns:
         """Return the values of the unknowns at ``x`` by name."""
         return {one.name: one.value(at) for one, at in zip(self.unknowns, x.tolist(), strict=True)}
 
-    def alignment(self, x: FloatArray) -> Alignment:
+    def alignment(self, x: FloatArray) -> Pose:
         """Return the transform camera to base at ``x``."""
-        begun, found = (*self._alignment.shift, *self._alignment.turn), self.values(x)
+        begun, found = (*self._alignment.position, *self._alignment.turn), self.values(x)
         parts = [found.get(name, one) for name, one in zip(ALIGNMENT, begun, strict=True)]
-        return Alignment(np.array(parts[3:]), np.array(parts[:3]))
+        return Pose.turned(np.array(parts[3:]), np.array(parts[:3]))
 
     def inputs(self, x: FloatArray) -> FloatArray:
         """Return what acts on the tendons in all steps at ``x``, (steps, tendons).

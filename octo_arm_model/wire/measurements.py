@@ -141,21 +141,20 @@ class MeasuredArm:
     pose_of: PoseOf | None = None
     received_ns: int = 0
 
-    def frame(self, header: Any) -> tuple[Rotation, FloatArray]:
-        """Return rotation and origin (3,) [m] of the frame of a ``header``, in base_frame.
+    def frame(self, header: Any) -> Pose:
+        """Return the pose of the frame of a ``header`` in base_frame.
 
         Raises:
             MeasurementError: if the frame is not known.
         """
         frame = str(header.frame_id)
         if frame in ('', self.config.base_frame):
-            return Rotation.identity(), np.zeros(3)
+            return Pose()
         if self.pose_of is None:
             raise MeasurementError(
                 f'its frame is {frame[:MAX_NAME]!r}, expected {self.config.base_frame!r}'
             )
-        pose = self.pose_of(frame, Stamp.of(header.stamp).ns or self.received_ns)
-        return Rotation.from_quat(np.array(pose.quaternion)), np.array(pose.position)
+        return self.pose_of(frame, Stamp.of(header.stamp).ns or self.received_ns)
 
 
 @dataclass(frozen=True)
@@ -202,10 +201,10 @@ def displacements_of(message: Any, arm: MeasuredArm, field: str = '') -> measure
 
 
 def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
-    given, (rotation, origin) = arm.settings.given, arm.frame(message.header)
+    given, frame = arm.settings.given, arm.frame(message.header)
     p, orientation = message.pose.pose.position, message.pose.pose.orientation
     # Numbers are checked before the rotation, which would spread a wrong one to others.
-    position = rotation.apply(checked_numbers('tip pose: position', [p.x, p.y, p.z])) + origin
+    position = frame.to_base(checked_numbers('tip pose: position', [p.x, p.y, p.z]))
     sensor: FloatArray = np.array(message.pose.covariance, np.float64).reshape(6, 6)
     is_too_large = ~(np.abs(sensor) <= LARGEST**2)  # or NaN
     if is_too_large.any():
@@ -235,7 +234,7 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
         raise MeasurementError(
             'its covariance is zero and estimator.tip_position_stddev is 0: its noise is not known'
         )
-    turn = np.kron(np.eye(2), rotation.as_matrix())
+    turn = np.kron(np.eye(2), frame.rotation.as_matrix())
     covariance = turn @ sensor @ turn.T
     covariance[:3, :3] += arm.config.uncertainty.model_position**2 * np.eye(3)
     if not sensor[3:, 3:].any():
@@ -245,7 +244,7 @@ def _tip_pose(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     length = math.hypot(*quaternion.tolist())
     if _SHORTEST < length < _LONGEST:
         # A product with a rotation keeps the length, which `TipPose` checks.
-        quaternion = length * (rotation * Rotation.from_quat(quaternion)).as_quat()
+        quaternion = length * (frame.rotation * Rotation.from_quat(quaternion)).as_quat()
     return measurements.TipPose(position, quaternion, covariance)
 
 
@@ -260,7 +259,7 @@ def markers_of(
         MeasurementError: if there are not as many as estimator.marker_s, or all are hidden.
         TensionError: if there is no such field.
     """
-    given, (rotation, origin) = arm.settings.given, arm.frame(message.header)
+    given, frame = arm.settings.given, arm.frame(message.header)
     places = given.marker_s
     if not places:
         raise MeasurementError(
@@ -280,11 +279,11 @@ def markers_of(
     s = np.array(places)[is_seen]
     stddev = float(np.hypot(given.marker_stddev, arm.config.uncertainty.model_position))
     visible = checked_numbers('markers: value', points[is_seen])
-    return measurements.Markers(s, rotation.apply(visible) + origin, stddev)
+    return measurements.Markers(s, frame.to_base(visible), stddev)
 
 
 def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
-    given, (rotation, origin) = arm.settings.given, arm.frame(message.header)
+    given, frame = arm.settings.given, arm.frame(message.header)
     stddevs = [getattr(given, f'base_{part}_stddev') for part in ('force', 'moment')]
     if not all(stddevs):
         raise MeasurementError(
@@ -294,9 +293,9 @@ def _base_wrench(message: Any, arm: MeasuredArm) -> measurements.Measurement:
     numbers = [force.x, force.y, force.z, moment.x, moment.y, moment.z]
     wrench = checked_numbers('base wrench: value', numbers)
     # This transforms from the frame of the sensor to base_frame, with moments about the base.
-    turn = np.kron(np.eye(2), rotation.as_matrix())
-    lever = skew(origin - np.array(arm.config.base.position))
-    turn[3:, :3] = lever @ rotation.as_matrix()
+    turn = np.kron(np.eye(2), frame.rotation.as_matrix())
+    lever = skew(np.subtract(frame.position, arm.config.base.position))
+    turn[3:, :3] = lever @ turn[:3, :3]
     stddev = np.repeat(stddevs, 3)
     return measurements.BaseWrench(turn @ wrench, (turn * stddev**2) @ turn.T)
 

@@ -212,7 +212,7 @@ def bag(tmp_path_factory):
 
     def see(tension, stamp_ns):
         points = midline('closed_form', one_tendon(tension), 31, material__youngs_modulus=TRUE)
-        points = FAR.to_camera(points) + 3e-4 * rng.standard_normal(points.shape)
+        points = FAR.from_base(points) + 3e-4 * rng.standard_normal(points.shape)
         return path_sample(points, stamp_ns, frame='camera')
 
     return staircase_bag(tmp_path_factory.mktemp('bags') / 'bag', (0.0, 1.0, 2.0, 3.0), see)

@@ -34,10 +34,11 @@ from recordings import Sample
 from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.errors import BagError, ConfigError, MeasurementError, SolveError
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
 from octo_arm_model.experiment import bag_recording
 from octo_arm_model.experiment import recording as recordings
-from octo_arm_model.experiment.camera import Alignment, clock_offset, undetermined
+from octo_arm_model.experiment.camera import clock_offset, undetermined
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fit import fit_alignment, followed
 from octo_arm_model.experiment.midlines import Curve, is_tip_first, midline_errors
@@ -62,7 +63,7 @@ def answer(tension: float, model: str = 'closed_form') -> np.ndarray:
     return midline(model, one_tendon(tension))
 
 
-def compared(lines: list[np.ndarray], alignment: Alignment | None = Alignment.none()):
+def compared(lines: list[np.ndarray], alignment: Pose | None = Pose()):
     seen = experiments.shapes(lines, [one_tendon(tension) for tension in STEPS])
     return compare(seen, PARAMETERS, 'closed_form', alignment)
 
@@ -85,7 +86,7 @@ def test_an_arm_turned_about_its_base_is_off_by_the_chord(angle):
 
 
 def test_a_fitted_alignment_takes_away_what_a_camera_could_explain():
-    lines = [FAR.to_camera(answer(tension)) for tension in STEPS]
+    lines = [FAR.from_base(answer(tension)) for tension in STEPS]
     comparison = compared(lines, None)
     assert comparison.percent('hausdorff') == pytest.approx([0.0] * 3, abs=0.02)
     assert 'it removes the error that a motion of the camera explains' in comparison.notes[0]
@@ -93,13 +94,13 @@ def test_a_fitted_alignment_takes_away_what_a_camera_could_explain():
     # The true alignment gives the same errors, a wrong one larger ones.
     assert compared(lines, FAR).percent('max') == pytest.approx([0.0] * 3, abs=0.01)
     with pytest.raises(MeasurementError, match='is the alignment right'):
-        compared(lines, Alignment.none())
+        compared(lines, Pose())
 
 
 def test_steps_without_an_answer_are_named_and_the_others_compared():
     pulls = [one_tendon(1.0), one_tendon(500.0)]
     seen = experiments.shapes([answer(1.0), answer(1.0)], pulls)
-    comparison = compare(seen, PARAMETERS, 'closed_form', Alignment.none())
+    comparison = compare(seen, PARAMETERS, 'closed_form', Pose())
     assert [step.number for step in comparison.steps] == [1]
     assert comparison.refused[0].startswith('step 2: tensions compress the arm to nothing')
     with pytest.raises(SolveError, match='closed_form has no answer for any step; step 1'):
@@ -109,7 +110,7 @@ def test_steps_without_an_answer_are_named_and_the_others_compared():
 def test_where_friction_leaves_no_derivative_a_straight_step_has_errors_but_no_bend():
     rough = {**PARAMETERS, 'tendons.friction': [0.2]}
     seen = experiments.shapes([answer(0.0)], [one_tendon(0.0)])
-    (step,) = compare(seen, rough, 'exact', Alignment.none()).steps
+    (step,) = compare(seen, rough, 'exact', Pose()).steps
     assert step.errors.tip == pytest.approx(0.0, abs=1e-6)
     assert np.isnan(step.bend)
 
@@ -133,16 +134,18 @@ def test_what_an_alignment_leaves_open_is_said():
 def test_the_camera_is_found_despite_outliers_and_midlines_that_begin_late():
     rng = np.random.default_rng(5)
     pulls = [one_tendon(tension) for tension in HELD]
-    lines = [FAR.to_camera(midline('closed_form', pull)[3:]) for pull in pulls]
+    lines = [FAR.from_base(midline('closed_form', pull)[3:]) for pull in pulls]
     seen = experiments.shapes(lines, pulls, rng, noise=2e-4)
     # A third of one midline is far from the arm.
     lost = seen[4].points.copy()
     lost[-15:] += [0.04, -0.03, 0.02]
     seen[4] = dataclasses.replace(seen[4], points=lost)
     found = fit_alignment(seen, PARAMETERS, 'closed_form')
-    assert Rotation.from_matrix(found.rotation @ FAR.rotation.T).magnitude() < 2e-3
+    assert (
+        Rotation.from_matrix((found.rotation * FAR.rotation.inv()).as_matrix()).magnitude() < 2e-3
+    )
     points = midline('closed_form', one_tendon(2.0))
-    assert np.abs(found.to_base(FAR.to_camera(points)) - points).max() < 5e-4
+    assert np.abs(found.to_base(FAR.from_base(points)) - points).max() < 5e-4
     (tip,) = experiments.shapes([np.zeros((1, 3))], [one_tendon(1.0)])
     with pytest.raises(MeasurementError, match=r'1 measured point\(s\), expected at least 3'):
         fit_alignment([tip], PARAMETERS, 'closed_form')
@@ -276,7 +279,7 @@ def test_what_cannot_be_used_is_counted_by_topic_and_reason(tmp_path):
         reasons = seen.refusals.of(sample.topic).items()
         assert [count for reason, count in reasons if words in reason] == [1]
     assert seen.refusals.total == len(extra)
-    notes = observe(seen, known=Alignment.none()).notes
+    notes = observe(seen, known=Pose()).notes
     assert any('/tendon_tensions: 1 left out, as tension of tendon_1_1' in one for one in notes)
 
 

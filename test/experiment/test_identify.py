@@ -25,7 +25,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import binom
 
 from octo_arm_model import Config, ConfigError, displacements_of
-from octo_arm_model.experiment.camera import Alignment
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment.compare import compare
 from octo_arm_model.experiment.fit import Problem, followed
 from octo_arm_model.experiment.identification import (
@@ -87,13 +87,13 @@ def test_a_modulus_that_varies_along_the_arm_is_scaled_as_a_whole():
 
 def test_scale_offset_and_camera_are_found_together():
     read = [np.maximum((pull - 0.1 * (pull > 0)) / 1.2, 0.0) for pull in PULLS]
-    lines = [FAR.to_camera(midline('closed_form', pull)) for pull in PULLS]
+    lines = [FAR.from_base(midline('closed_form', pull)) for pull in PULLS]
     fits = ('tension_scale', 'tension_offset', 'alignment')
     found = fitted(shapes(lines, read), *fits, model='closed_form')
     assert values(found)['tension_scale'] == pytest.approx(1.2, rel=1e-3)
     assert values(found)['tension_offset'] == pytest.approx(0.1, abs=1e-3)
-    assert_allclose(found.alignment.shift, FAR.shift, atol=3e-4)
-    assert_allclose(found.alignment.rotation, FAR.rotation, atol=1e-3)
+    assert_allclose(found.alignment.position, FAR.position, atol=3e-4)
+    assert (found.alignment.rotation * FAR.rotation.inv()).magnitude() < 1e-3
 
 
 def test_the_fitted_calibration_gives_the_fitted_tensions_and_says_which_it_does_not():
@@ -297,10 +297,7 @@ def test_friction_and_stiffness_are_found_together(model):
         assert_holds(found, name, true, 0.02)
     assert found.parameters['tendons.friction'] == [values(found)['friction']]
     # A comparison follows the steps as well.
-    left = [
-        compare(loop, start, model, Alignment.none()).percent('tip').max()
-        for start in (ROUGH, STIFF)
-    ]
+    left = [compare(loop, start, model, Pose()).percent('tip').max() for start in (ROUGH, STIFF)]
     assert left[0] < 0.2 and left[1] > 1.0
 
 

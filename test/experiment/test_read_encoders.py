@@ -22,7 +22,7 @@ from recordings import displacement_sample
 
 from octo_arm_model import Config, displacements_of
 from octo_arm_model.arm.errors import BagError, MeasurementError
-from octo_arm_model.experiment.camera import Alignment
+from octo_arm_model.arm.pose import Pose
 from octo_arm_model.experiment.csv_recording import CsvSources
 from octo_arm_model.experiment.observations import RAMP, Pairing, observe
 from octo_arm_model.experiment.read_recording import read_recording
@@ -88,7 +88,7 @@ def test_encoders_are_read_beside_load_cells(tmp_path, seen):
     (line,) = recording.refusals.lines()
     assert 'unknown tendon somebody' in line
     assert not recording.is_driven
-    for shape in observe(recording, known=Alignment.none()).shapes:
+    for shape in observe(recording, known=Pose()).shapes:
         held = lengths(np.array([shape.tension]))[0]
         assert_allclose(shape.window.displacements[:2], held[:2], atol=1e-6)
         assert not shape.window.is_driven
@@ -97,7 +97,7 @@ def test_encoders_are_read_beside_load_cells(tmp_path, seen):
 def check_driven(recording: Recording) -> None:
     """Tensions of steps follow from lengths."""
     assert recording.is_driven
-    observations = observe(recording, Pairing(offset=0.0), Alignment.none())
+    observations = observe(recording, Pairing(offset=0.0), Pose())
     found = np.array([shape.window.tensions for shape in observations.shapes])
     assert_allclose(found[:, 0], HELD[:4], atol=2e-3)
     assert (found[:, 1:] == 0.0).all()
@@ -135,7 +135,7 @@ def test_encoders_may_publish_in_messages_of_their_own(tmp_path, seen):
     bag = bag_of(tmp_path / 'bag', [description(**STRETCHING), *seen, *encoders])
     recording = read_recording(bag)
     check_driven(recording)
-    ramp = observe(recording, Pairing(offset=0.0, kind=RAMP), Alignment.none()).shapes
+    ramp = observe(recording, Pairing(offset=0.0, kind=RAMP), Pose()).shapes
     assert max(shape.tension for shape in ramp) == pytest.approx(max(HELD[:4]), abs=2e-3)
     assert all(np.isfinite(shape.window.displacements).all() for shape in ramp)
 

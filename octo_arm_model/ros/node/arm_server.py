@@ -12,7 +12,6 @@ from nav_msgs.msg import Path
 from octo_arm_msgs.msg import SectionStrains
 from octo_arm_msgs.srv import FindTensions, Solve
 from rclpy.node import Node
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from octo_arm_model.analysis.driven_arm import DrivenArm
@@ -98,7 +97,7 @@ class TipWrench:
                 problem = f'its frame is {frame[:99]!r}, which moves on {tip!r}'
                 raise LoadError(f'{problem}, expected static transforms between the two')
             pose = self._frames.pose_of(frame, tip if is_following else config.base_frame, stamp)
-            rotated = Rotation.from_quat(np.array(pose.quaternion)).apply(wrench.reshape(2, 3))
+            rotated = pose.rotation.apply(wrench.reshape(2, 3))
             if is_following:
                 rotated[1] += np.cross(np.array(pose.position), rotated[0])
             wrench = rotated.ravel()
