@@ -55,7 +55,6 @@ class MeasuredTopics:
                     self.topics.append(offered.pick(name or None, kinds, what))
             if len(set(self.topics)) < len(self.topics):
                 raise MeasurementError('--midlines names a topic twice, expected each once')
-        count.expect(self._reader.count(list(dict.fromkeys(self.topics))))
 
     def read(
         self, points: MeasuredPoints, base_frame: str, refusals: Refusals, notes: list[str]
@@ -103,7 +102,6 @@ class MeasuredTopics:
     ) -> StampedRows:
         """Return ``rows`` in base_frame if their frame moves in it by TF, else as they are."""
         topics, frame = tf_topics(self._reader), str(points.frame_id)
-        self._count.expect(self._reader.count(topics))
         tree = read_transforms(self._reader, topics, refusals, self._count)
         if not tree.moves(frame, base_frame):
             return rows
@@ -172,7 +170,9 @@ def read_messages(
 
     ``refusals`` count the messages that ``read`` refuses, and ``count`` counts all of them.
     """
-    for record in reader.messages(list(dict.fromkeys(topics))):
+    different = list(dict.fromkeys(topics))
+    count.expect(reader.count(different))
+    for record in reader.messages(different):
         count.add()
         stamp, result, reason = reader.read(record, partial(read, record))
         if result is None:

@@ -31,8 +31,10 @@ from octo_arm_model.rod.stations import interpolated
 # part of their extent.
 _TIMES_NOISE = 3.0
 _FLAT = 1e-4
-RANGE = 2.0  # [s] largest offset that is searched, either way
+RANGE = 2.0  # [s] offsets of clocks that are set, either way
 _STEP = 0.01  # [s] between offsets
+# [s] offsets of clocks that were started by hand, either way, and the steps between these.
+FARTHEST, _COARSE = 30.0, 0.1
 _STATIONS = 31
 # Largest number of tensions that are solved, and of frames that are used.
 _SAMPLES = 5000
@@ -96,7 +98,8 @@ def clock_offset(
     The model closed_form gives tips under ``tensions`` (n, tendons) [N] at ``tension_time`` (n,),
     under a part of them, and under tensions with friction. For each offset up to `RANGE` an affine
     function of these is fitted to the measured tips; the offset with the least residual is taken,
-    or of equally good ones that nearest to zero. The affine function absorbs the pose of the
+    or of equally good ones that nearest to zero. A larger one has to be clearly better: where one
+    step follows another, a staircase resembles itself one step later. The affine function absorbs the pose of the
     camera, a wrong modulus, most of the model's error and the size of the friction. A delay of the
     arm counts as an offset of the clock.
 
@@ -120,11 +123,22 @@ def clock_offset(
     expected = np.concatenate(tips_of, axis=1)
     frames = np.linspace(0, len(tips) - 1, min(len(tips), _SAMPLES)).astype(int)
     times, tips = frame_time[frames], tips[frames]
-    offsets = np.arange(-RANGE, RANGE + 0.5 * _STEP, _STEP)
     known = tips, tension_time[rows], expected
-    misfits = np.array([_residual(times + offset, *known) for offset in offsets])
+
+    def misfits_at(offsets: FloatArray) -> FloatArray:
+        return np.array([_residual(times + offset, *known) for offset in offsets])
+
+    offsets, coarse = (
+        np.arange(-end, end + 0.5 * step, step)
+        for end, step in ((RANGE, _STEP), (FARTHEST, _COARSE))
+    )
+    misfits, far = misfits_at(offsets), misfits_at(coarse)
+    usual = np.median(misfits)
+    if far.min() < _CLEAR * misfits.min():
+        offsets = coarse[far.argmin()] + np.arange(-_COARSE, _COARSE + 0.5 * _STEP, _STEP)
+        misfits, usual = misfits_at(offsets), np.median(far)
     best = int(misfits.argmin())
-    if best in (0, len(misfits) - 1) or misfits[best] >= _CLEAR * np.median(misfits):
+    if best in (0, len(misfits) - 1) or misfits[best] >= _CLEAR * usual:
         return None
     # If frames show the arm only at rest, a range of offsets is equally good within noise, by
     # which the mean square of n frames scatters by some 1/n.

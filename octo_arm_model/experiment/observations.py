@@ -18,7 +18,7 @@ from octo_arm_model.arm.errors import ConfigError, MeasurementError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.camera import RANGE, clock_offset
+from octo_arm_model.experiment.camera import FARTHEST, RANGE, clock_offset
 from octo_arm_model.experiment.midlines import is_tip_first, resample
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.experiment.steady_windows import (
@@ -318,7 +318,7 @@ def camera_offset(
                     f'motion{" and times of receipt" if told else ""}'
                 )
                 return told + found
-        why = f'the motion does not clearly tell one within {RANGE:g} s'
+        why = f'the motion does not clearly tell one within {FARTHEST:g} s'
     by = ' by times of receipt' if told else ''
     notes.append(f'clock offset taken as {told:.6g} s{by}: {why}')
     return told

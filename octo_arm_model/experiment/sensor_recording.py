@@ -217,7 +217,6 @@ def _transforms(
     }
     if frames <= {None, '', config.base_frame}:
         return None
-    count.expect(reader.count(topics))
     tree = read_transforms(reader, topics, refusals, count)
 
     def pose_of(frame: str, stamp_ns: int) -> Pose:
@@ -250,7 +249,6 @@ def read_measured(
         for stamp, received, row in zip(tensions.stamps, tensions.received, tensions.rows)
     ]
     topics = list(sensors.readers)
-    count.expect(reader.count(topics))
 
     def read(record: Record, message: Any) -> Measurement:
         return sensors.readers[record.topic](

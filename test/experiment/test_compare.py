@@ -158,7 +158,7 @@ def offset_of(seen: Recording, kept: object = slice(None), **changes: object) ->
     return clock_offset(arm, seen.tension_time, seen.tensions, seen.frame_time[kept], tips)
 
 
-@pytest.mark.parametrize('ahead', [-0.7, 0.35])
+@pytest.mark.parametrize('ahead', [-0.7, 0.35, 4.0, -7.3])
 def test_the_clock_of_the_camera_is_set_by_the_motion(ahead):
     seen = experiments.recording('exact', ahead, material__youngs_modulus=1.3e5)
     assert offset_of(seen) == pytest.approx(-ahead, abs=0.03)
