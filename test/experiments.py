@@ -28,6 +28,7 @@ from recordings import (
 )
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model import Config
 from octo_arm_model.arm.pose import Pose
@@ -42,7 +43,7 @@ ARM = Config.from_parameters(PARAMETERS).arm
 HELD = (0.0, 0.53, 1.09, 2.0, 2.6, 3.06, 3.44, 3.95)  # steps of Table 1, and rest [N]
 STEPS = HELD[1:]
 TRUE = 1.23e5  # Young's modulus of the arms of `measured` [Pa]; the preset has 1.1e5
-FAR = Pose.turned(np.array([2.0, -0.9, 0.7]), np.array([0.12, 0.05, 0.6]))
+FAR = Pose((0.12, 0.05, 0.6), tuple(Rotation.from_rotvec([2.0, -0.9, 0.7]).as_quat()))
 
 
 def one_tendon(tension: float) -> np.ndarray:

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
@@ -119,7 +120,8 @@ def laboratory(arm: Truth, kind: Kind, seed: int) -> tuple[Recording, float]:
     sign = np.where(np.arange(held.size) <= TENSIONS.size, -1.0, 1.0)
     gain = 1.0 + sign * kind.friction * rng.uniform(0.5, 1.5, held.size)
     effective = np.interp(frames, corners, np.repeat(held * gain, 2)) / factor
-    camera = Pose.turned(rng.normal(0.0, 0.03, 3), rng.normal(0.0, 0.005, 3))
+    turn, shift = rng.normal(0.0, 0.03, 3), rng.normal(0.0, 0.005, 3)
+    camera = Pose(tuple(shift), tuple(Rotation.from_rotvec(turn).as_quat()))
     lines = camera.from_base(arm.midline(effective))
     lines += 5e-4 * rng.standard_normal(lines.shape)
     young = factor * float(arm.parameters['material.youngs_modulus'])

@@ -355,12 +355,7 @@ class ScaledLoads:
         """
         self.loads = tuple(loads)
         for load in self.loads:
-            if (
-                not isinstance(load, Loads)
-                or load.tip_wrench.any()
-                or load.others
-                or load.scaled
-                or load.obstacles
-            ):
+            others = isinstance(load, Loads) and (load.others or load.scaled or load.obstacles)
+            if not isinstance(load, Loads) or others or load.tip_wrench.any():
                 raise ArmDefinitionError('scaled loads', load, 'dead Loads without a tip wrench')
         self.magnitudes = np.zeros(len(self.loads))

@@ -16,9 +16,9 @@ FARTHEST = 1e9  # largest coordinate of a base [m]: positions are then rounded t
 
 @dataclass(frozen=True)
 class Pose:
-    """A position [m] and an orientation in base_frame, a quaternion x, y, z, w of length 1.
+    """A position [m] and an orientation in base_frame, a quaternion x, y, z, w, made of length 1.
 
-    The quaternion is normalised. Errors name position and quaternion by ``names``.
+    Errors name position and quaternion by ``names``.
 
     Raises:
         ConfigError: if a component is not finite or beyond `FARTHEST`, or the quaternion's length
@@ -30,23 +30,20 @@ class Pose:
     names: InitVar[tuple[str, str]] = ('base.position', 'base.quaternion')
 
     def __post_init__(self, names: tuple[str, str]) -> None:
-        position = tuple(_numbers(names[0], self.position, 3))
-        set_fields(self, position=position, quaternion=tuple(_unit(names[1], self.quaternion)))
-
-    @classmethod
-    def turned(cls, turn: FloatArray, position: FloatArray) -> Pose:
-        """Return the pose with this rotation vector (3,) [rad] and ``position`` (3,) [m]."""
-        return cls(tuple(position), tuple(Rotation.from_rotvec(turn).as_quat()))
+        position, quaternion = map(_numbers, names, (self.position, self.quaternion), (3, 4))
+        norm = float(np.linalg.norm(quaternion))
+        if abs(norm - 1.0) > 1e-3:
+            raise ConfigError(
+                f'{names[1]} is {shown(self.quaternion)} of length {norm:.6g}, expected x, y, '
+                'z, w of length 1'
+            )
+        unit = (np.array(quaternion) / norm).tolist()
+        set_fields(self, position=tuple(position), quaternion=tuple(unit))
 
     @property
     def rotation(self) -> Rotation:
         """The rotation from the posed frame to base_frame."""
         return Rotation.from_quat(np.array(self.quaternion))
-
-    @property
-    def turn(self) -> FloatArray:
-        """The rotation vector [rad], (3,)."""
-        return self.rotation.as_rotvec()
 
     def to_base(self, points: FloatArray) -> FloatArray:
         """Transform ``points`` (n, 3) or (3,) [m] from the posed frame to base_frame."""
@@ -64,13 +61,3 @@ def _numbers(name: str, values: object, size: int) -> list[float]:
             f'{name} is {shown(values)}, expected {size} finite numbers of at most {FARTHEST:g}'
         )
     return array.tolist()
-
-
-def _unit(name: str, values: object) -> list[float]:
-    numbers = _numbers(name, values, 4)
-    norm = float(np.linalg.norm(numbers))
-    if abs(norm - 1.0) > 1e-3:
-        raise ConfigError(
-            f'{name} is {shown(values)} of length {norm:.6g}, expected x, y, z, w of length 1'
-        )
-    return [number / norm for number in numbers]

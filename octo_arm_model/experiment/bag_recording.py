@@ -1,6 +1,6 @@
 """Readers of tensions, encoder readings and measured points in a bag."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -67,53 +67,40 @@ class MeasuredTopics:
         Raises:
             MeasurementError: if no transforms of TF lead to a marker, or there are too many.
         """
-        rows = StampedRows(', '.join(self.topics))
-        found: Iterable[tuple[int, FloatArray] | tuple[int, FloatArray, int]]
+        rows, frames = StampedRows(', '.join(self.topics)), dict[int, FloatArray]()
         if self._measured.marker_frames:
-            found = self._read_transforms(points, base_frame, refusals)
+            pairs = self._read_transforms(points, base_frame, refusals)
         else:
-            found = (
-                (stamp_ns, frame, record.received_ns)
-                for record, stamp_ns, frame in read_messages(
+            pairs = (
+                (stamp_ns, frame)
+                for _, stamp_ns, frame in read_messages(
                     self._reader, self.topics, partial(self._read, points), refusals, self._count
                 )
             )
-        merged: dict[int, tuple[FloatArray, list[int]]] = {}
-        for stamp, frame, *received in found:
+        for stamp, frame in pairs:
             if self._measured.marker_frames or len(self.topics) > 1:
-                whole, _ = merged.setdefault(stamp, (frame, received))
                 visible = np.isfinite(frame)
-                whole[visible] = frame[visible]
+                frames.setdefault(stamp, frame)[visible] = frame[visible]
             else:
-                rows.add(stamp, frame, *received)
-        for stamp, (frame, received) in sorted(merged.items()):
-            rows.add(stamp, frame, *received)
-        if self._measured.is_aligned or points.frame_id in (None, '', base_frame):
+                rows.add(stamp, frame)
+        for stamp in sorted(frames):
+            rows.add(stamp, frames[stamp])
+        frame_id, topics = points.frame_id or base_frame, tf_topics(self._reader)
+        is_known = self._measured.is_aligned or self._measured.marker_frames
+        if is_known or frame_id == base_frame or not topics:
             return rows
-        return self._in_base_frame(rows, points, base_frame, refusals, notes)
-
-    def _in_base_frame(
-        self,
-        rows: StampedRows,
-        points: MeasuredPoints,
-        base_frame: str,
-        refusals: Refusals,
-        notes: list[str],
-    ) -> StampedRows:
-        """Return ``rows`` in base_frame if their frame moves in it by TF, else as they are."""
-        topics, frame = tf_topics(self._reader), str(points.frame_id)
         tree = read_transforms(self._reader, topics, refusals, self._count)
-        if not tree.moves(frame, base_frame):
+        if not tree.moves(frame_id, base_frame):
             return rows
         moved = StampedRows(rows.source)
-        for stamp, row, received in zip(rows.stamps, rows.rows, rows.received, strict=True):
+        for stamp, row in zip(rows.stamps, rows.rows, strict=True):
             try:
-                pose = tree.pose(frame, base_frame, stamp)
-                moved.add(stamp, pose.to_base(row), received)
-            except MeasurementError as error:
+                moved.add(stamp, tree.pose(frame_id, base_frame, stamp).to_base(row))
+            except OctoArmError as error:
                 refusals.count(rows.source, str(error))
         points.frame_id = base_frame
-        notes.append(f'{frame!r} moves in {base_frame!r} by {" and ".join(topics)}, which is used')
+        by = ' and '.join(topics)
+        notes.append(f'{frame_id!r} moves in {base_frame!r} by {by}, which is used')
         return moved
 
     def _read(self, checks: MeasuredPoints, record: Record, message: Any) -> FloatArray:
@@ -309,7 +296,8 @@ def read_readings(
         if row is None:
             lengths = reading.displacements or {}
             row = np.array([lengths.get(name, np.nan) for name in names])
-        rows.add(reading.stamp.ns, row.ravel(), record.received_ns)
+        rows.add(reading.stamp.ns, row.ravel())
+        rows.received.append(record.received_ns)
     return rows
 
 

@@ -51,19 +51,6 @@ _OUTLYING = 3.0  # outliers of a fitted alignment are this many median distances
 _FITS = 4  # fits of the alignment, each without the outliers of the previous one
 
 
-def align(camera: FloatArray, base: FloatArray) -> Pose:
-    """Return the rigid motion that brings points ``camera`` (n, 3) nearest to ``base`` (n, 3).
-
-    It minimises the sum of squared distances. For points on a line the rotation about the line is
-    arbitrary, which `undetermined` reports.
-    """
-    from_mean, to_mean = camera.mean(axis=0), base.mean(axis=0)
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', UserWarning)  # of points on a line
-        turn, _ = Rotation.align_vectors(base - to_mean, camera - from_mean)
-    return Pose.turned(turn.as_rotvec(), to_mean - turn.apply(from_mean))
-
-
 def undetermined(points: FloatArray, noise: float) -> tuple[str, ...]:
     """Describe the degrees of freedom of a fitted alignment that ``points`` (n, 3) leave open.
 
@@ -98,10 +85,10 @@ def clock_offset(
     The model closed_form gives tips under ``tensions`` (n, tendons) [N] at ``tension_time`` (n,),
     under a part of them, and under tensions with friction. For each offset up to `RANGE` an affine
     function of these is fitted to the measured tips; the offset with the least residual is taken,
-    or of equally good ones that nearest to zero. A larger one has to be clearly better: where one
-    step follows another, a staircase resembles itself one step later. The affine function absorbs the pose of the
-    camera, a wrong modulus, most of the model's error and the size of the friction. A delay of the
-    arm counts as an offset of the clock.
+    or of equally good ones that nearest to zero. A larger one has to be clearly better, because a
+    staircase resembles itself one step later. The affine function absorbs the pose of the camera,
+    a wrong modulus, most of the model's error and the size of the friction. A delay of the arm
+    counts as an offset of the clock.
 
     Returns:
         The offset; None if no minimum is clear, as for an arm at rest, or if there are so few
@@ -272,6 +259,8 @@ def aligned(
 ) -> Pose:
     """Return the rigid motion that brings ``lines`` nearest to ``curves``, without outliers.
 
+    It minimises the sum of squared distances; the rotation about points on a line is arbitrary,
+    which `undetermined` reports.
     Markers are paired with the points of the curves at ``marker_fractions`` of the lengths.
     Midlines are taken to begin at the base at first, and then paired with the nearest points.
 
@@ -289,7 +278,11 @@ def aligned(
     kept, rounding = np.ones(len(points), dtype=bool), 1e-9 * curves[0].lengths[-1]
     for _ in range(_FITS):
         targets = np.concatenate(list(map(Curve.along, curves, fractions)))
-        alignment = align(points[kept], targets[kept])
+        from_mean, to_mean = points[kept].mean(axis=0), targets[kept].mean(axis=0)
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', UserWarning)  # of points on a line
+            turn, _ = Rotation.align_vectors(targets[kept] - to_mean, points[kept] - from_mean)
+        alignment = Pose(tuple(to_mean - turn.apply(from_mean)), tuple(turn.as_quat()))
         distances = np.linalg.norm(alignment.to_base(points) - targets, axis=1)
         kept = distances <= _OUTLYING * np.median(distances) + rounding
         if not marker_fractions:

@@ -51,14 +51,14 @@ class CsvSources:
         shared = {k: v for k, v in self.columns.items() if k.partition(':')[0] not in KINDS}
         return shared | {name: v for (prefix, _, name), v in split if prefix == kind and name}
 
-    def read(self, kind: str, path: Path, tables: dict[str, CsvTable]) -> CsvTable:
-        """Read the file of this ``kind`` at ``path``, and add it to the ``tables`` by kind.
-
-        Raises:
-            MeasurementError: if it cannot be read, is too large, or a row is too short or long.
-        """
-        tables[kind] = read_csv(path, self.columns_of(kind), has_time=not self.is_poses)
-        return tables[kind]
+    def read(self) -> dict[str, CsvTable]:
+        """Return the tables in the files, by `KINDS`; MeasurementError as `read_csv`."""
+        paths = self.tensions, self.midlines, self.displacements
+        return {
+            kind: read_csv(path, self.columns_of(kind), has_time=not self.is_poses)
+            for kind, path in zip(KINDS, paths, strict=True)
+            if path is not None
+        }
 
 
 def csv_readings(table: CsvTable, config: Config) -> tuple[list[int], FloatArray]:

@@ -360,9 +360,8 @@ def followed(solver: Solver, tensions: Iterable[FloatArray]) -> list[Backbone]:
     """
     backbones: list[Backbone] = []
     for row in tensions:
-        shaped = row.reshape(solver.arm.tension_shape)
         last = backbones[-1] if backbones and solver.arm.friction else None
-        backbones.append(solver.follow(shaped, last))
+        backbones.append(solver.follow(row.reshape(solver.arm.tension_shape), last))
     return backbones
 
 
@@ -386,7 +385,7 @@ def fit_alignment(
         if shape.s is not None
     ]
     initial = aligned([shape.points for shape in shapes], curves, markers)
-    x, _ = problem.solve(start=np.concatenate([initial.position, initial.turn]))
+    x, _ = problem.solve(start=np.array([*initial.position, *initial.rotation.as_rotvec()]))
     return unknowns.alignment(x)
 
 

@@ -50,11 +50,11 @@ class Identification:
     model: str
     loss: str
     estimates: Mapping[str, Estimate]
-    undetermined: tuple[str, ...]
     before: Misfit
     parameters: Mapping[str, Any]
     alignment: Pose
     tensions: FloatArray
+    undetermined: tuple[str, ...] = ()
     correlations: FloatArray | None = None
     notes: tuple[str, ...] = ()
     after: Misfit | None = None

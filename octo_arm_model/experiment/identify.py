@@ -117,7 +117,6 @@ def identify(  # noqa: PLR0913 - options of a command
         model=model,
         loss=loss,
         estimates={one.name: Estimate(None, None, None, one.unit) for one in unknowns.unknowns},
-        undetermined=(),
         before=misfit_of(first.residuals(unknowns.start), first.length),
         parameters=parameters,
         alignment=start,

@@ -18,7 +18,7 @@ from octo_arm_model.arm.errors import ConfigError, MeasurementError, SolveError
 from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.pose import Pose
 from octo_arm_model.config.config import Config
-from octo_arm_model.experiment.camera import FARTHEST, RANGE, clock_offset
+from octo_arm_model.experiment.camera import FARTHEST, clock_offset
 from octo_arm_model.experiment.midlines import is_tip_first, resample
 from octo_arm_model.experiment.recording import Recording
 from octo_arm_model.experiment.steady_windows import (
@@ -241,7 +241,17 @@ def _windows(
     """
     (time, sampled), rule = recording.held, pairing.steady
     if pairing.kind == MOMENTS:
-        _check_moving(recording, known)
+        if known is None:
+            raise ConfigError(
+                'the alignment of an arm that moves is not fitted: --align is expected to be '
+                "'none' or a pose, as compare or identify finds it where the arm is at rest"
+            )
+        if recording.is_driven:
+            raise MeasurementError('there are no tensions in this recording, expected load cells')
+        if (count := len(recording.frames)) > MOST_FRAMES:
+            raise MeasurementError(
+                f'{count} frames of an arm that moves, expected at most {MOST_FRAMES}'
+            )
         return []
     if pairing.kind == POSES:
         windows = pose_windows(time, sampled, pairing.tolerance)
@@ -256,21 +266,6 @@ def _windows(
             f'for {rule.duration:g} s, and beyond the first {rule.settle:g} s; {_ELSE}'
         )
     return windows
-
-
-def _check_moving(recording: Recording, known: Pose | None) -> None:
-    """Check the recording of an arm that moves; ConfigError or MeasurementError if unsuitable."""
-    if known is None:
-        raise ConfigError(
-            "the alignment of an arm that moves is not fitted: --align is expected to be 'none' "
-            'or a pose, as compare or identify finds it where the arm is at rest'
-        )
-    if recording.is_driven:
-        raise MeasurementError('there are no tensions in this recording, expected load cells')
-    if len(recording.frames) > MOST_FRAMES:
-        raise MeasurementError(
-            f'{len(recording.frames)} frames of an arm that moves, expected at most {MOST_FRAMES}'
-        )
 
 
 def base_first(
@@ -297,8 +292,6 @@ def camera_offset(
     """Return the offset of the camera's clock [s], given or estimated; ``notes`` say which."""
     if pairing.offset is not None:
         return pairing.offset
-    # Times of receipt tell clocks that differ by more than a message may be late.
-    told = recording.receipt_offset if abs(recording.receipt_offset) > RANGE else 0.0
     why = None
     if pairing.kind == POSES:
         why = 'the stamps say which frames show which pose'
@@ -311,17 +304,14 @@ def camera_offset(
         seen = np.isfinite(tips).all(axis=1)
         if seen.any():
             held, at = (recording.tension_time, recording.tensions), recording.frame_time[seen]
-            found = clock_offset(config.arm, *held, at + told, tips[seen])
-            if found is not None:
+            if (found := clock_offset(config.arm, *held, at, tips[seen])) is not None:
                 notes.append(
-                    f'clock offset {told + found:+.2f} s on the stamps of frames, found from the '
-                    f'motion{" and times of receipt" if told else ""}'
+                    f'clock offset {found:+.2f} s on the stamps of frames, found from the motion'
                 )
-                return told + found
+                return found
         why = f'the motion does not clearly tell one within {FARTHEST:g} s'
-    by = ' by times of receipt' if told else ''
-    notes.append(f'clock offset taken as {told:.6g} s{by}: {why}')
-    return told
+    notes.append(f'clock offset taken as 0 s: {why}')
+    return 0.0
 
 
 def _read_in(window: Window, times: FloatArray | None, recording: Recording) -> Window:

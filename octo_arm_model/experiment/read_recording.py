@@ -18,7 +18,7 @@ from octo_arm_model.experiment.csv_recording import (
     has_displacements,
     has_tensions,
 )
-from octo_arm_model.experiment.csv_table import CsvTable, check_columns
+from octo_arm_model.experiment.csv_table import check_columns
 from octo_arm_model.experiment.recording import (
     Count,
     MarkerSources,
@@ -127,27 +127,24 @@ def _gather(
     files: CsvSources,
 ) -> Recording:
     """Read tensions, encoder readings and frames, each from a file or from the ``bag``."""
-    refusals, tables = Refusals(), dict[str, CsvTable]()
+    refusals, tables = Refusals(), files.read()
     config = Config.from_parameters(parameters)
     points = MeasuredPoints(measured, config.arm.length)
     tensions = encoders = frames = None
     if bag is not None:
         tensions, encoders, frames = bag.read(config, points, refusals)
-    if files.tensions is not None:
-        table = files.read('tension', files.tensions, tables)
+    if (table := tables.get('tension')) is not None:
         # A table of poses has tensions or encoder readings.
         if files.is_poses and not has_tensions(table, config) and has_displacements(table, config):
             encoders = csv_displacements(table, config, refusals)
         else:
             tensions = csv_tensions(table, config, refusals)
-    if files.displacements is not None:
-        table = files.read('displacement', files.displacements, tables)
+    if (table := tables.get('displacement')) is not None:
         encoders = csv_displacements(table, config, refusals)
     for what, stamped in (('tensions', tensions), ('encoder readings', encoders)):
         if stamped is not None and not stamped.rows:
             raise BagError(f'no {what} for this arm on {stamped.source}{refusals.in_short}')
-    if files.midlines is not None:
-        table = files.read('midline', files.midlines, tables)
+    if (table := tables.get('midline')) is not None:
         frames = csv_frames(table, measured, points, refusals)
     assert frames is not None
     check_columns(files.columns, tables)

@@ -224,8 +224,6 @@ class Recording:
             [s].
         displacements: lengths reeled in by the winches, as their encoders read them, (e, tendons)
             [m]; NaN for tendons without.
-        receipt_offset: time by which frames reached the recorder later after their stamps than
-            tensions, or else encoder readings, by medians [s]; 0 if they are not of one bag.
     """
 
     parameters: dict[str, Any]
@@ -239,7 +237,6 @@ class Recording:
     refusals: Refusals = field(default_factory=Refusals)
     displacement_time: FloatArray = field(default_factory=lambda: np.zeros(0))
     displacements: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    receipt_offset: float = 0.0
 
     @property
     def is_driven(self) -> bool:
@@ -271,7 +268,7 @@ class StampedRows:
         stamps: stamps [ns].
         rows: values by tendon (tendons,) [N] or [m], or points (m, 3) [m], NaN for markers that
             are not visible.
-        received: times at which the recorder received them [ns]; empty without a bag.
+        received: times at which the recorder received them [ns], of readings in a bag.
     """
 
     source: str
@@ -279,17 +276,10 @@ class StampedRows:
     rows: list[FloatArray] = field(default_factory=list)
     received: list[int] = field(default_factory=list)
 
-    def add(self, stamp_ns: int, row: FloatArray, *received_ns: int) -> None:
-        """Append a ``row`` with its stamp and, of a bag, its time of receipt."""
+    def add(self, stamp_ns: int, row: FloatArray) -> None:
+        """Append a ``row`` with its stamp."""
         self.stamps.append(stamp_ns)
         self.rows.append(row)
-        self.received += received_ns
-
-    @property
-    def latency(self) -> float:
-        """The median time from stamp to receipt [s]; NaN without a bag."""
-        late = [received - stamp for stamp, received in zip(self.stamps, self.received)]
-        return 1e-9 * float(np.median(late)) if late else math.nan
 
     def in_order(self, origin: int, notes: list[str]) -> tuple[FloatArray, list[FloatArray]]:
         """Return ascending stamps from ``origin`` on (n,) [s], and rows; note if they were not."""
@@ -335,7 +325,6 @@ def assemble(
     tension_time, pulled = nothing if tensions is None else tensions.in_order(origin, notes)
     encoder_time, reeled_in = nothing if encoders is None else encoders.in_order(origin, notes)
     frame_time, seen = frames.in_order(origin, notes)
-    later = frames.latency - read[0].latency
     return Recording(
         parameters,
         tension_time,
@@ -348,5 +337,4 @@ def assemble(
         refusals,
         encoder_time,
         np.array(reeled_in),
-        later if math.isfinite(later) else 0.0,
     )

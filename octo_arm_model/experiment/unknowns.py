@@ -12,6 +12,7 @@ from enum import Enum, auto
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError
@@ -170,7 +171,7 @@ def unknowns_of(
     spool = float(np.mean(np.abs(config.encoders.scale or (1.0,))))
     sheath = arm.sheath_stiffness[0] if arm.sheath_stiffness else 0.0
     units = 3 * [('m', away)] + 3 * [('rad', 1e-2)]
-    pose = zip(ALIGNMENT, units, (*alignment.position, *alignment.turn))
+    pose = zip(ALIGNMENT, units, (*alignment.position, *alignment.rotation.as_rotvec()))
     return {
         'youngs_modulus': ratio('youngs_modulus', 'Pa', young),
         BENDING: ratio(BENDING, 'N m^2', math.sqrt(math.prod(_bending(arm)))),
@@ -328,7 +329,7 @@ class Unknowns:
         """
         _check_fits(fits, model, readings.are_lengths, moves)
         self.model, self.readings = model, readings
-        self._alignment = alignment
+        self._alignment = *alignment.position, *alignment.rotation.as_rotvec()
         self._parameters = {**parameters, 'model': model}
         if model != 'exact':
             for name in _EXACT_PARAMETERS:
@@ -383,9 +384,10 @@ class Unknowns:
 
     def alignment(self, x: FloatArray) -> Pose:
         """Return the transform camera to base at ``x``."""
-        begun, found = (*self._alignment.position, *self._alignment.turn), self.values(x)
+        found, begun = self.values(x), self._alignment
         parts = [found.get(name, one) for name, one in zip(ALIGNMENT, begun, strict=True)]
-        return Pose.turned(np.array(parts[3:]), np.array(parts[:3]))
+        turn = Rotation.from_rotvec(parts[3:])
+        return Pose((parts[0], parts[1], parts[2]), tuple(turn.as_quat()))
 
     def inputs(self, x: FloatArray) -> FloatArray:
         """Return what acts on the tendons in all steps at ``x``, (steps, tendons).

@@ -468,22 +468,16 @@ def test_a_camera_that_moves_by_tf_is_not_one_at_rest(tmp_path, cli):
     )
 
 
-@pytest.mark.parametrize('ahead', [100.0, -7.25])
-def test_clocks_that_differ_by_more_than_messages_are_late_are_told_by_receipt(
-    ahead, tmp_path, cli
-):
+def test_clocks_that_differ_are_told(tmp_path, cli):
     time, pulled, times = staircase_of()
     samples: list[Sample] = [description(model='exact'), *tension_samples(time, pulled)]
     for at, tension in zip(times, np.interp(times, time, pulled)):
-        (sample,) = pose_array(seen(float(tension), MARKER_S), nanoseconds(at + ahead))
+        (sample,) = pose_array(seen(float(tension), MARKER_S), nanoseconds(at + 7.25))
         samples.append(sample._replace(received_ns=nanoseconds(at + 0.05)))
     bag, s = bag_of(tmp_path / 'bag', samples), OPTIONS[:5]
-    said = cli.json('compare', bag, *s, '--json')
-    assert said['clock_offset'] == pytest.approx(-ahead, abs=0.1)
-    errors = [step['tip_error_percent'] for step in said['steps']]
-    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
     notes = cli.json('estimate', bag, *s, '--markers', '/mocap/markers', '--json')['notes']
-    assert any('receipt stamps of' in note and 's ahead of those of' in note for note in notes)
+    (note,) = [one for one in notes if 'by times of receipt' in one]
+    assert 'stamps of markers are 7.' in note and 'ahead of those of tensions' in note
     refusal = cli.refused('compare', bag, *s, '--clock-offset', '1000', status=1)
     assert refusal.endswith('; --clock-offset is added to stamps of frames\n')
 
