@@ -39,6 +39,9 @@ _forget_older(Path(__file__).parent)
 def compiled(function: _F, *, has_entry: bool = True, inlined: bool = False) -> _F:
     """Compile a node function, and cache its machine code if it has an entry from Python."""
     options: dict[str, Any] = {'no_cpython_wrapper': not has_entry, 'no_cfunc_wrapper': True}
+    # To count references to arrays takes as long as what is computed at a node. Where no array is
+    # made, none need be counted.
+    options['_nrt'] = has_entry
     fast = {'contract', 'nsz'}
     compiler = njit(
         cache=has_entry, error_model='numpy', fastmath=fast, forceinline=inlined, **options
@@ -47,7 +50,7 @@ def compiled(function: _F, *, has_entry: bool = True, inlined: bool = False) -> 
 
 
 def helper(function: _F) -> _F:
-    """Compile a function that only compiled functions call."""
+    """Compile a function that only compiled functions call, and that makes no array."""
     return compiled(function, has_entry=False)
 
 

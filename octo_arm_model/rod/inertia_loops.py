@@ -50,6 +50,7 @@ def _fill_motion(
     place, velocity, acceleration, load = motion
     nodes = place.shape[0]
     position, density, total = np.empty((3, nodes)), np.zeros((nodes, 6)), np.empty((6, nodes))
+    relative = np.empty(3)
     _integrate(from_base, slope, position)
     for i in range(nodes):
         for c in range(3):
@@ -61,13 +62,14 @@ def _fill_motion(
             velocity[i, c] = by_velocity * place[i, c] - velocities[i, c]
             acceleration[i, c] = by_acceleration * place[i, c] - accelerations[i, c]
         section, node_place, rates = sections[i], place[i], acceleration[i]
+        t = node_place[3:6]
         force, moment = density[i, :3], density[i, 3:]
         for c in range(3):
             force[c] = -section[MASS] * rates[c]
         _add_cross(-section[ROTARY_N], node_place[6:9], rates[6:9], moment)
         _add_cross(-section[ROTARY_B], node_place[9:12], rates[9:12], moment)
         if in_water:
-            _add_water(section, water, node_place[3:6], velocity[i], rates, force, moment)
+            _add_water(section, water, t, velocity[i], rates, relative, force, moment)
     _integrate(to_tip, density, total)
     for i in range(nodes):
         for c in range(3):
@@ -100,11 +102,15 @@ def _add_water(
     t: FloatArray,
     velocity: FloatArray,
     acceleration: FloatArray,
+    w: FloatArray,
     force: FloatArray,
     moment: FloatArray,
 ) -> None:
-    """Add force and moment of the water on one node per reference length, see `inertia`."""
-    w, tw, pull, square = np.empty(3), 0.0, 0.0, 0.0
+    """Add force and moment of the water on one node per reference length, see `inertia`.
+
+    ``w`` (3,) becomes the velocity relative to the water.
+    """
+    tw, pull, square = 0.0, 0.0, 0.0
     for c in range(3):
         w[c] = velocity[c] - water[0, c]
         tw += t[c] * w[c]

@@ -287,32 +287,9 @@ def _fill_wrenches(
     residual: FloatArray,
 ) -> None:
     lengths, weights, to_end = rule
-    _moments(lengths, weights, to_end, slope, force, couple, moment)
-    for i in range(moment.shape[0]):
-        _minus_components(rotation[i], moment[i], residual[i, :3])
-        _minus_components(rotation[i], force[i], residual[i, 3:])
-
-
-@inlined
-def _minus_components(axes: FloatArray, vector: FloatArray, out: FloatArray) -> None:
-    """Compute minus the components of a ``vector`` along the first columns of a rotation."""
-    for c in range(out.size):
-        out[c] = -(axes[0, c] * vector[0] + axes[1, c] * vector[1] + axes[2, c] * vector[2])
-
-
-@helper
-def _moments(
-    lengths: FloatArray,
-    weights: FloatArray,
-    to_end: FloatArray,
-    slope: FloatArray,
-    force: FloatArray,
-    couple: FloatArray,
-    moment: FloatArray,
-) -> None:
-    """Compute M = M_free + the integral of r' x F from the node to the tip."""
     points = to_end.shape[0]
     beyond, rate = np.zeros(3), np.empty((points, 3))
+    # M = M_free + the integral of r' x F from the node to the tip.
     for e in range(lengths.size - 1, -1, -1):
         start, h = e * points, lengths[e]
         for k in range(points):
@@ -326,6 +303,16 @@ def _moments(
         for k in range(points):
             for c in range(3):
                 beyond[c] += weights[start + k] * rate[k, c]
+    for i in range(moment.shape[0]):
+        _minus_components(rotation[i], moment[i], residual[i, :3])
+        _minus_components(rotation[i], force[i], residual[i, 3:])
+
+
+@inlined
+def _minus_components(axes: FloatArray, vector: FloatArray, out: FloatArray) -> None:
+    """Compute minus the components of a ``vector`` along the first columns of a rotation."""
+    for c in range(out.size):
+        out[c] = -(axes[0, c] * vector[0] + axes[1, c] * vector[1] + axes[2, c] * vector[2])
 
 
 def jacobian(
@@ -364,7 +351,7 @@ def _fill_jacobian(
     # it, of the column k for rows of elements beyond it, and for rows of those before it.
     row_side, base_side = np.zeros((count, strains, 3)), np.zeros((3, count * strains))
     tip_side = np.zeros((3, count * strains))
-    beyond, tail = np.zeros(9), np.empty(9)
+    beyond, tail, changes = np.zeros(9), np.empty(9), np.zeros((2, 3))
     for e in range(lengths.size - 1, -1, -1):
         start, h = e * points, lengths[e]
         for i in range(start, start + points):
@@ -382,6 +369,8 @@ def _fill_jacobian(
             moment[start : start + points],
             axes[start : start + points],
             start * strains,
+            tail,
+            changes,
             jacobian,
         )
         for k in range(start, start + points):
@@ -445,17 +434,16 @@ def _sides(
     tip_side: FloatArray,
 ) -> None:
     """Compute the factors of the blocks of node ``i``; ``tail`` is S, which is overwritten."""
-    strains = axes.shape[0]
-    side = np.empty(3)
+    strains, side = axes.shape[0], row_side  # which is filled in below
     for a in range(strains):
         if a < 3:
-            _times(tail, axes[a], weight, side)
+            _times(tail, axes[a], weight, side[a])
         for c in range(3):
             if a < 3:
                 base_side[c, i * strains + a] = weight * axes[a, c]
             else:
-                side[c] = weight * axes[a, c]
-            tip_side[c, i * strains + a] = side[c]
+                side[a, c] = weight * axes[a, c]
+            tip_side[c, i * strains + a] = side[a, c]
     _add_cross(1.0, moment, tail)
     for a in range(strains):
         for c in range(3):
@@ -475,17 +463,20 @@ def _element_blocks(
     moment: FloatArray,
     axes: FloatArray,
     first: int,
+    lever_sum: FloatArray,
+    changes: FloatArray,
     out: FloatArray,
 ) -> None:
     """Compute the blocks of nodes of one element, from row and column ``first`` on.
 
-    They lack the Hessians of sections. ``beyond`` is the integral of X beyond the element.
+    They lack the Hessians of sections. ``beyond`` is the integral of X beyond the element;
+    ``lever_sum`` (9,) and ``changes`` (2, 3) are buffers.
     """
     h, weights = lengths
     to_point, to_end, twice = rule
     points, strains = axes.shape[0], axes.shape[1]
     # Changes of the moment at i and of the tangent there by a strain of k.
-    lever_sum, moment_change, tangent_change = np.empty(9), np.empty(3), np.zeros(3)
+    moment_change, tangent_change = changes[0], changes[1]
     for i in range(points):
         for k in range(points):
             from_start, to_tip = h * to_point[i, k], h * to_end[i, k]

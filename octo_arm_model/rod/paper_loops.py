@@ -38,13 +38,15 @@ def paper_twists(
     """
     arms, places = sums.shape[0], sums.shape[2]
     twist, outcome, p = np.empty((arms, places, 4)), np.zeros((arms, 3)), np.zeros((3, places))
-    stiffness = tables.stiffness
+    stiffness, points = tables.stiffness, tables.backwards.shape[1]
+    end, solution = np.empty(3), np.empty((3, points + 1))
+    buffers = end, solution, np.empty((7, points)), np.empty((3, points))
     for arm in range(arms):
         outcome[arm, 2] = -1.0
         arm_sums = sums[arm]
         p[:] = tables.rest
         if tables.swept:
-            _imbalances(tables, arm_sums, tolerance, p, outcome[arm])
+            _imbalances(tables, arm_sums, tolerance, buffers, p, outcome[arm])
         for i in range(places):
             strains = _twist(_seven(arm_sums, i), _four(stiffness, i), (p[0, i], p[1, i], p[2, i]))
             for c in range(4):
@@ -54,14 +56,20 @@ def paper_twists(
 
 @helper
 def _imbalances(
-    tables: PaperTables, sums: FloatArray, tolerance: float, p: FloatArray, outcome: FloatArray
+    tables: PaperTables,
+    sums: FloatArray,
+    tolerance: float,
+    buffers: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    p: FloatArray,
+    outcome: FloatArray,
 ) -> None:
     """Compute the imbalance p (3, P) [N m] of one arm at nodes and stations."""
-    points, stations = tables.backwards.shape[1], tables.stations
-    largest = 1e-300
+    points, stations, largest = tables.backwards.shape[1], tables.stations, 1e-300
+    end, solution, slopes, rates = buffers
     for i in range(stations.between.shape[1]):
         largest = max(largest, abs(sums[1, i]), abs(sums[2, i]))
-    end, solution, slopes = np.zeros(3), np.empty((3, points + 1)), np.empty((7, points))
+    for c in range(3):
+        end[c] = 0.0
     for e in range(tables.swept - 1, -1, -1):
         place, first = tables.anchorage[e], e * points
         if place >= 0:
@@ -70,7 +78,7 @@ def _imbalances(
             coefficients = _slope(_four(tables.stiffness, first + i), _seven(sums, first + i))
             for c in range(7):
                 slopes[c, i] = coefficients[c]
-        change, count = _sweep(tables, e, slopes, tolerance * largest, end, solution)
+        change, count = _sweep(tables, e, slopes, tolerance * largest, end, rates, solution)
         if outcome[2] < 0.0 and not change <= tolerance * largest:
             outcome[2] = e
         if not change / largest <= outcome[0]:
@@ -102,11 +110,19 @@ def _cross_anchorage(stiffness: FloatArray, sums: FloatArray, place: int, p: Flo
 
 @helper
 def _sweep(
-    tables: PaperTables, e: int, slopes: FloatArray, allowed: float, end: FloatArray, p: FloatArray
+    tables: PaperTables,
+    e: int,
+    slopes: FloatArray,
+    allowed: float,
+    end: FloatArray,
+    rates: FloatArray,
+    p: FloatArray,
 ) -> tuple[float, int]:
-    """Compute the imbalance p (3, p + 1) of an element from its end; return change and sweeps."""
+    """Compute the imbalance p (3, p + 1) of an element from its end; return change and sweeps.
+
+    ``rates`` (3, p) becomes p'.
+    """
     points = slopes.shape[1]
-    rate, lateral = np.empty(points), np.empty((2, points))
     for c in range(3):
         p[c] = end[c]
     change, count = np.inf, 0
@@ -114,13 +130,13 @@ def _sweep(
         count += 1
         for i in range(points):
             n, b = p[1, i], p[2, i]
-            rate[i] = (slopes[2, i] * b + slopes[1, i]) * n - slopes[0, i] * b
-        change = _integrate_back(tables, e, rate, end[0], p[0])
+            rates[0, i] = (slopes[2, i] * b + slopes[1, i]) * n - slopes[0, i] * b
+        change = _integrate_back(tables, e, rates[0], end[0], p[0])
         for i in range(points):
-            lateral[0, i] = (slopes[5, i] * p[2, i] + slopes[3, i]) * p[0, i]
-            lateral[1, i] = (slopes[6, i] * p[1, i] + slopes[4, i]) * p[0, i]
-        for c in range(2):
-            step = _integrate_back(tables, e, lateral[c], end[1 + c], p[1 + c])
+            rates[1, i] = (slopes[5, i] * p[2, i] + slopes[3, i]) * p[0, i]
+            rates[2, i] = (slopes[6, i] * p[1, i] + slopes[4, i]) * p[0, i]
+        for c in range(1, 3):
+            step = _integrate_back(tables, e, rates[c], end[c], p[c])
             if not step <= change:
                 change = step
     return change, count
