@@ -373,8 +373,47 @@ class Papers(Statics):
     def derivatives(
         self, level: int, state: State, rates: FloatArray | None = None
     ) -> Sensitivity:
-        """Return the sensitivity of a ``state``, by ``rates`` (N, J) of local tensions, if any."""
-        return sensitivity(self._at(level), state, self._setup.arm.tendon_names, rates)
+        """Return the derivatives of a ``state`` on a level by tensions, E and friction.
+
+        If tendons may stick, ``rates`` (N, J) are derivatives of local tensions by those at the
+        base.
+
+        One tension is perturbed by a small imaginary step. The imaginary part of the strains over
+        the step is the derivative, without cancellation (Squire and Trapp 1998). The step has to
+        exceed the tolerance of the sweeps. Scaling E is equivalent to dividing all tensions by the
+        factor.
+        """
+        equations, tensions = self._at(level), state.condition.tensions
+        problem, places = equations.problem, equations.tables.stations
+        problem.load_work(state)
+        nodes, tendons = len(state.z), tensions.size
+        stiffness = float(problem.tables.body[:, AXIAL].min())
+        step = 1e-6 * max(float(tensions.max()), 1e-3 * stiffness)
+        own, mean = 1j * step * np.eye(tendons), None
+        if problem.friction is None:
+            stepped, _, _ = equations.solve(tensions + own)
+            columns = np.column_stack([np.eye(tendons), -tensions])
+        else:
+            stations = places.between @ state.at_nodes.tensions
+            stations[0] = tensions
+            both = np.concatenate([state.at_nodes.tensions, stations])
+            stepped, _, _ = equations.solve(both + own[:, np.newaxis])
+        by_local = stepped.imag.transpose(1, 2, 0)[: equations.s.size] / step
+        if problem.friction is not None:
+            names = self._setup.arm.tendon_names
+            columns, local = _with_friction(equations, state, by_local[:nodes], names, rates)
+            mean = problem.mean_along_tendons(local)
+        change = by_local @ columns
+        work, elements = problem.work, problem.elements
+        along_arm = pose_rates(elements.from_base, work.rotation, work.slope, change[:nodes])
+        pose, at = along(places.integration, along_arm), slice(nodes, len(change))
+        strains = strain_changes(stepped[0, at].real, change[at])
+        by_twist, weights = problem.tendons(state).stretch_by_twist, problem.elements.weights
+        length = np.einsum('n,njm,nmc->jc', weights, by_twist, change[:nodes], optimize=True)
+        whole = Change(pose, strains, length, mean)
+        by_friction = None if mean is None else part_of(whole, slice(tendons + 1, None))
+        by_stiffness = part_of(whole, slice(tendons, tendons + 1))
+        return Sensitivity(part_of(whole, slice(tendons)), by_stiffness, by_friction=by_friction)
 
 
 class _PaperWinchEquations(RodWinchEquations):
@@ -414,52 +453,8 @@ class _PaperWinchEquations(RodWinchEquations):
         return BorderedSystem(state.z, blocks, zeros, zeros.T, changes, rates, rates, None)
 
 
-def sensitivity(
-    level: PaperEquations, state: State, names: tuple[str, ...], rates: FloatArray | None = None
-) -> Sensitivity:
-    """Return the derivatives of a ``state`` by tensions, E and friction.
-
-    The ``names`` are those of the tendons. If tendons may stick, ``rates`` (N, J) are derivatives
-    of local tensions by those at the base.
-
-    One tension is perturbed by a small imaginary step. The imaginary part of the strains over the
-    step is the derivative, without cancellation (Squire and Trapp 1998). The step has to exceed
-    the tolerance of the sweeps. Scaling E is equivalent to dividing all tensions by the factor.
-    """
-    problem, tensions = level.problem, state.condition.tensions
-    places = level.tables.stations
-    problem.load_work(state)
-    nodes, tendons = len(state.z), tensions.size
-    stiffness = float(problem.tables.body[:, AXIAL].min())
-    step = 1e-6 * max(float(tensions.max()), 1e-3 * stiffness)
-    own, mean = 1j * step * np.eye(tendons), None
-    if problem.friction is None:
-        stepped, _, _ = level.solve(tensions + own)
-        columns = np.column_stack([np.eye(tendons), -tensions])
-    else:
-        stations = places.between @ state.at_nodes.tensions
-        stations[0] = tensions
-        both = np.concatenate([state.at_nodes.tensions, stations])
-        stepped, _, _ = level.solve(both + own[:, np.newaxis])
-    by_local = stepped.imag.transpose(1, 2, 0)[: level.s.size] / step
-    if problem.friction is not None:
-        columns, local = _with_friction(level, state, by_local[:nodes], names, rates)
-        mean = problem.mean_along_tendons(local)
-    change = by_local @ columns
-    work, elements = problem.work, problem.elements
-    rates = pose_rates(elements.from_base, work.rotation, work.slope, change[:nodes])
-    pose, at = along(places.integration, rates), slice(nodes, len(change))
-    strains = strain_changes(stepped[0, at].real, change[at])
-    by_twist, weights = problem.tendons(state).stretch_by_twist, problem.elements.weights
-    length = np.einsum('n,njm,nmc->jc', weights, by_twist, change[:nodes], optimize=True)
-    whole = Change(pose, strains, length, mean)
-    by_friction = None if mean is None else part_of(whole, slice(tendons + 1, None))
-    by_stiffness = part_of(whole, slice(tendons, tendons + 1))
-    return Sensitivity(part_of(whole, slice(tendons)), by_stiffness, by_friction=by_friction)
-
-
 def _with_friction(
-    level: PaperEquations,
+    equations: PaperEquations,
     state: State,
     by_local: FloatArray,
     names: tuple[str, ...],
@@ -469,9 +464,9 @@ def _with_friction(
 
     The first ones are at nodes and stations, with tensions divided by E; the second ones are those
     of the tensions themselves at the nodes. ``by_local`` (N, 4, J) are the derivatives of z by
-    tensions at the same node, and ``rates`` are those of `sensitivity`.
+    tensions at the same node, and ``rates`` are those of `Papers.derivatives`.
     """
-    problem, base = level.problem, state.condition.tensions
+    problem, base = equations.problem, state.condition.tensions
     nodes, tendons = state.at_nodes.tensions.shape
     derivatives, diagonal = problem.tension_derivatives(state), np.arange(tendons)
     direct = np.zeros((nodes, tendons, 2 * tendons + 1))
@@ -492,7 +487,7 @@ def _with_friction(
             raise ConvergenceError(
                 'the change of tensions with friction', float(np.abs(added).max()), _MOST_STEPS
             )
-    stations = np.tensordot(level.tables.stations.between, total, 1)
+    stations = np.tensordot(equations.tables.stations.between, total, 1)
     stations[0] = np.eye(tendons, 2 * tendons + 1)  # tensions at the base are given
     stations[0, :, tendons] = -base
     local = total.copy()
