@@ -81,11 +81,6 @@ class Bank(NamedTuple):
         return self.hypothesis(self.leader)
 
     @property
-    def has_cells(self) -> bool:
-        """Whether a load cell has measured so far."""
-        return any(name.startswith(LOAD_CELL) for name in self.heard)
-
-    @property
     def shift_weight(self) -> float:
         """Weight of the correction from mode to mean, 0 to 1."""
         return min(max(0.0, self.agreement[0]), 1.0)
@@ -148,6 +143,7 @@ class BankFilter:
 
     Attributes:
         model: the model of the arm.
+        cells: names of its load cells.
     """
 
     def __init__(self, model: ArmModel, rules: Rules) -> None:
@@ -156,7 +152,7 @@ class BankFilter:
         names = model.arm.tendon_names
         # Component of the state with the tension of each load cell.
         self._tension = {f'{LOAD_CELL} {name}': index for index, name in enumerate(names)}
-        self._cells = frozenset(self._tension)
+        self.cells = frozenset(self._tension)
         self._prior = model.state.prior_stddev()
 
     def with_linear(self, bank: Bank, rows: Rows, near: Prediction) -> tuple[Bank, BankUpdate]:
@@ -240,7 +236,7 @@ class BankFilter:
 
     def _nearest(self, bank: Bank, number: int, rows: Rows, near: Prediction) -> Prediction:
         """Return the best of ``near`` and states with some values of a doubted tension."""
-        doubted = [self._tension[name] for name in bank.doubts[number] & self._cells]
+        doubted = [self._tension[name] for name in bank.doubts[number] & self.cells]
         x = nearest_possible(self.model, bank.hypothesis(number))
         best, least = near, square_of(rows.innovation(near), rows.noise_root)
         for fraction in _START_FRACTIONS[: None if doubted else 1]:
@@ -333,7 +329,7 @@ class BankFilter:
         """
         sensors = bank.heard | heard
         is_same, bank = sensors == bank.heard, bank._replace(heard=sensors)
-        if is_same or not self._rules.doubts_any or sensors <= self._cells:
+        if is_same or not self._rules.doubts_any or sensors <= self.cells:
             return bank
         return self._neighbours(bank, bank.doubts[bank.leader])
 
@@ -341,7 +337,7 @@ class BankFilter:
         """Restart contradicted hypotheses from the state of the leader."""
         if len(bank.doubts) == 1:
             return bank
-        doubts, cells = bank.doubts[bank.leader], self._cells
+        doubts, cells = bank.doubts[bank.leader], self.cells
         is_single = len(doubts & cells) == len(doubts) == 1
         is_lost = bank.contradiction >= CONTRADICTED
         if is_lost[bank.leader] and is_single and not bank.is_open.any():
@@ -355,7 +351,7 @@ class BankFilter:
         mean, covariance, leader = bank.mean.copy(), bank.covariance.copy(), bank.leader
         mean[is_lost], covariance[is_lost] = mean[leader], covariance[leader]
         bank = bank._replace(mean=mean, covariance=covariance)
-        if doubts == self._cells:
+        if doubts == self.cells:
             # Tensions drifted, so that the shape by the load cells may be far from the leader's.
             # What contradicted the states before does not count against the new ones.
             most = np.where(is_lost, CONTRADICTED, np.inf)
@@ -379,7 +375,7 @@ class BankFilter:
         weight, suspects = self._weight(bank), []
         sensors = sorted(bank.heard.intersection(frozenset().union(*bank.doubts)))
         doubting = {name: np.array([name in names for names in bank.doubts]) for name in sensors}
-        possible = doubted & self._cells if is_common else doubted
+        possible = doubted & self.cells if is_common else doubted
         refused = frozenset(name for name in possible if weight[doubting[name]].sum() > 0.5)
         remaining = weight * [bool(names) for names in bank.doubts]
         half = 0.5 * remaining.sum()
@@ -397,7 +393,7 @@ class BankFilter:
 
     def _improbability(self, bank: Bank) -> FloatArray:
         """Return -ln of the prior probability of every hypothesis [nat], (hypotheses,)."""
-        return np.array([self._rules.improbability(doubts, self._cells) for doubts in bank.doubts])
+        return np.array([self._rules.improbability(doubts, self.cells) for doubts in bank.doubts])
 
     def _weight(self, bank: Bank) -> FloatArray:
         """Return the probability of every hypothesis, (hypotheses,)."""
@@ -408,18 +404,18 @@ class BankFilter:
     def _neighbours(self, bank: Bank, root: Doubts) -> Bank:
         """Return the hypotheses with one doubt more or less than ``root``."""
         rules, leading = self._rules, bank.doubts[bank.leader]
-        suspects = sorted(self._cells & bank.heard) if rules.cell_fault else []
-        all_cells = [self._cells] if suspects else []
+        suspects = sorted(self.cells & bank.heard) if rules.cell_fault else []
+        all_cells = [self.cells] if suspects else []
         if rules.sensor_fault and not root:
             # All other sensors are not doubted at once: then the state of the arm is wrong.
-            suspects += sorted(bank.heard - self._cells)
+            suspects += sorted(bank.heard - self.cells)
         sets = [root, leading, _NO_DOUBTS, *(root - {name} for name in sorted(root))]
         sets += [*(root | {name} for name in suspects), *all_cells]
         doubts = tuple(dict.fromkeys(sets))
         numbers = {names: number for number, names in enumerate(bank.doubts)}
         sources = [numbers.get(names, bank.leader) for names in doubts]
         is_new = np.array([names not in numbers for names in doubts])
-        is_cell = np.array([len(names) == len(names & self._cells) == 1 for names in doubts])
+        is_cell = np.array([len(names) == len(names & self.cells) == 1 for names in doubts])
         neighbours = bank._replace(
             doubts=doubts,
             mean=bank.mean[sources],
@@ -436,12 +432,12 @@ class BankFilter:
         is_forgotten = np.zeros(bank.mean.shape, dtype=bool)
         for number in np.flatnonzero(is_new):
             doubts = bank.doubts[number]
-            for name in () if doubts == self._cells else doubts - leader_doubts:
+            for name in () if doubts == self.cells else doubts - leader_doubts:
                 # The external loads follow from this sensor first.
                 is_forgotten[number, state.tip_force.start : state.current.stop] = True
-                if name in self._cells:
+                if name in self.cells:
                     is_forgotten[number, self._tension[name]] = True
-            if leader_doubts == self._cells != doubts:
+            if leader_doubts == self.cells != doubts:
                 # The leader does not know the tensions, which load cells measure again.
                 is_forgotten[number, state.tension] = True
         prior = (is_forgotten * self._prior**2)[..., np.newaxis] * np.eye(state.size)

@@ -286,22 +286,22 @@ def _next(
     work: Work,
 ) -> Estimate:
     """Return the next estimate, without a check that its numbers are finite."""
+    bank_filter, bank = BankFilter(model, rules), new_bank(model)
+    prior = Prediction(model, model.state.prior.mean, None)
+    heard = frozenset(name for entry in measurements for name in entry.channels(prior))
     is_lost = last is not None and last.is_lost(time, rules.recover_after)
     # What other sensors say about tensions is linearised about a state that load cells may show to
     # be far from the true one. So the first reading of load cells is used with the prior.
-    has_first_cells = (
-        last is not None
-        and not last.bank.has_cells
-        and any(measurement.is_linear for measurement in measurements)
-    )
+    has_none = last is not None and bank_filter.cells.isdisjoint(last.bank.heard)
+    has_first_cells = has_none and not bank_filter.cells.isdisjoint(heard)
     earlier = None if is_lost or has_first_cells else last
     if earlier is None:
         work.evaluations, work.iterations = _FIRST * work.evaluations, _FIRST * work.iterations
-    bank_filter, bank = BankFilter(model, rules), new_bank(model)
-    if earlier is not None:
+    else:
         bank = earlier.bank.after(model, time - earlier.time)
     # If no work is left, the shape is the one that was solved for a state nearby.
     start = earlier if work.is_left() else near or earlier
+    bank = bank_filter.with_suspected_sensors(bank, heard)
     bank, prediction, parts = _updated(bank_filter, bank, start, measurements, work)
     leader, since = bank.leader, None
     if bank.contradiction[leader] >= CONTRADICTED:
@@ -321,13 +321,12 @@ def _next(
     if last is not None and not has_first_cells and rules.doubts_any:
         elapsed = time - last.time
         before_it = model.state.later(last.bank.leading, elapsed)
-        names = {name for rows, _ in parts for name in rows.channels(prediction)}
         fault = last.common_fault.after(
             elapsed,
             before_it,
             prediction,
             known.mean - before_it.mean,
-            frozenset(name for name in names if not name.startswith(LOAD_CELL)),
+            heard - bank_filter.cells,
             frozenset(item.name for item in unused),
         )
     is_common = fault.earlier is not None
@@ -369,8 +368,6 @@ def _updated(
     guess = Prediction(model, mean, None) if start is None else start.prediction
     guess.work = work  # the budget of this message, not of an earlier one
     prediction = Prediction(model, mean, guess.shape, work)
-    heard = frozenset(name for entry in measurements for name in entry.channels(prediction))
-    bank = bank_filter.with_suspected_sensors(bank, heard)
     linear, nonlinear = (
         [entry for entry in measurements if entry.is_linear is is_linear]
         for is_linear in (True, False)

@@ -22,7 +22,7 @@ from octo_arm_model.estimation.estimate import Estimate, next_estimate
 from octo_arm_model.estimation.gaussian import Gaussian, lower_root, solve_lower, spread
 from octo_arm_model.estimation.measurement import Measurement, Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
-from octo_arm_model.estimation.posterior import gradient, nearest_possible
+from octo_arm_model.estimation.posterior import gradient
 from octo_arm_model.estimation.rules import Rules
 
 MAX_RECORDED = 100_000  # largest number of times
@@ -30,6 +30,7 @@ _MOST_PASSES = 100
 _TOLERANCE = 3e-2  # last step, in standard deviations per component
 _LONGEST = 3.0  # longest step at any time, in standard deviations per component
 _SHORTEST = 1e-3  # least fraction of a step
+_HELD = 1e-3  # deviation at which a tension is held at zero, over that by all measurements
 _PROGRESS = 0.1  # least shortening of the next step, as part of what a linear course has
 
 
@@ -115,7 +116,8 @@ def _smooth_part(steps: Sequence[Estimate]) -> list[Estimate]:
                     raise
                 new_size = math.inf
             if new_size <= (1.0 - _PROGRESS * fraction) * size:
-                points, course, size, fraction = moved, new_course, new_size, 1.0
+                points, course, size = moved, new_course, new_size
+                fraction = min(1.0, 2.0 * fraction)
             elif fraction < _SHORTEST:
                 break
             else:
@@ -128,42 +130,61 @@ def _course(
 ) -> tuple[list[Gaussian], float]:
     """Return the mean course by measurements that are linearised about ``points``.
 
-    The second result is the largest step to it at any time, in standard deviations per component.
+    No tension is negative in it; its covariances do not know that. The second result is the
+    largest step to it at any time, in standard deviations per component.
     """
-    slopes = [np.zeros(points[0].x.size)] * len(steps)
-    known = _updated(steps, points, slopes)
+    zero, tension = np.zeros(points[0].x.size), points[0].model.state.tension
+    taut = np.full((len(steps), tension.stop), np.inf)
+    known = _updated(steps, points, [zero] * len(steps), taut)
     slopes = [
-        sum((_slope(step, rows, prediction, distribution) for rows in step.accepted), slopes[0])
+        sum((_slope(step, rows, prediction, distribution) for rows in step.accepted), zero)
         for step, prediction, distribution in zip(steps, points, known, strict=True)
     ]
-    course = _updated(steps, points, slopes)
+    # A tendon is slack if its tension is negative, be it free or held at zero by a stiff bound,
+    # which it pushes against (primal-dual active set method; Hintermueller et al. 2003).
+    deviation = np.array([_HELD * np.linalg.norm(one.root[tension], axis=1) for one in known])
+    is_slack = np.array([prediction.x[tension] == 0.0 for prediction in points])
+    for _ in range(_MOST_PASSES):
+        course = _updated(steps, points, slopes, np.where(is_slack, deviation, taut))
+        was_slack, is_slack = is_slack, np.array([one.mean[tension] < 0.0 for one in course])
+        if (is_slack == was_slack).all():
+            break
+    for one in course:
+        one.mean[tension] = np.maximum(0.0, one.mean[tension])
+    course = [Gaussian(one.mean, each.root) for one, each in zip(course, known, strict=True)]
     sizes = [
         np.linalg.norm(solve_lower(distribution.root, distribution.mean - prediction.x))
         for prediction, distribution in zip(points, course, strict=True)
     ]
     for prediction in points:
         prediction.forget()
-    return course, float(max(sizes)) / math.sqrt(points[0].x.size)
+    return course, float(max(sizes)) / math.sqrt(zero.size)
 
 
 def _updated(
-    steps: Sequence[Estimate], points: Sequence[Prediction], slopes: Sequence[FloatArray]
+    steps: Sequence[Estimate],
+    points: Sequence[Prediction],
+    slopes: Sequence[FloatArray],
+    held: FloatArray,
 ) -> list[Gaussian]:
-    """Return the states after all measurements, with ``slopes`` of ln(det A) / 2 at all times."""
-    model, state = points[0].model, points[0].model.state
+    """Return the states after all measurements, with ``slopes`` of ln(det A) / 2 at all times.
+
+    Tensions are held at zero with the standard deviations ``held`` (times, tendons), if finite.
+    """
+    state = points[0].model.state
     filtered: list[Gaussian] = []
     known, last = state.prior, steps[0].time
-    for step, prediction, slope in zip(steps, points, slopes, strict=True):
+    for step, prediction, slope, deviation in zip(steps, points, slopes, held, strict=True):
         known, last = state.later(known, step.time - last), step.time
         for rows in step.accepted:
             jacobian = rows.jacobian(prediction)
             innovation = rows.innovation(prediction) + jacobian @ (prediction.x - known.mean)
             columns = np.column_stack([innovation, jacobian @ known.root])
-            white = solve_lower(rows.noise_root, columns)
-            factor = spread(white[:, 1:])
-            change = factor @ (factor.T @ (white[:, 1:].T @ white[:, 0]))
-            known = Gaussian(known.mean + known.root @ change, lower_root(known.root @ factor))
+            known = _measured(known, solve_lower(rows.noise_root, columns))
         known = known._replace(mean=known.mean - known.root @ (known.root.T @ slope))
+        if (number := np.flatnonzero(np.isfinite(deviation))).size:
+            columns = np.column_stack([-known.mean[number], known.root[number]])
+            known = _measured(known, columns / deviation[number, np.newaxis])
         filtered.append(known)
     smoothed, pairs = [known], list(itertools.pairwise(steps))
     for (step, following), before in zip(reversed(pairs), filtered[-2::-1], strict=True):
@@ -177,12 +198,14 @@ def _updated(
         rest = before.root - back @ decayed
         root = lower_root(np.concatenate([rest, back * growth, back @ after.root], axis=1))
         smoothed.append(Gaussian(mean, root))
-    varies = state.growth(1.0) > 0.0
-    varies[state.tension] = True
-    return [
-        known._replace(mean=np.where(varies, nearest_possible(model, known), known.mean))
-        for known in reversed(smoothed)
-    ]
+    return smoothed[::-1]
+
+
+def _measured(known: Gaussian, white: FloatArray) -> Gaussian:
+    """Return the state after innovations (m,), ``white`` beside their Jacobian times the root."""
+    factor = spread(white[:, 1:])
+    change = factor @ (factor.T @ (white[:, 1:].T @ white[:, 0]))
+    return Gaussian(known.mean + known.root @ change, lower_root(known.root @ factor))
 
 
 def _slope(step: Estimate, rows: Rows, prediction: Prediction, known: Gaussian) -> FloatArray:

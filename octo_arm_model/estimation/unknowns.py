@@ -19,11 +19,7 @@ from octo_arm_model.arm.validation import LARGEST, SMALLEST, check_class, is_num
 from octo_arm_model.estimation.gaussian import Gaussian, lower_root
 
 _AXES = ('x', 'y', 'z')
-_ALONG: tuple[tuple[float, float, float], ...] = (
-    (1.0, 0.0, 0.0),
-    (0.0, 1.0, 0.0),
-    (0.0, 0.0, 1.0),
-)
+_ALONG = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _PIECES = 64  # pieces of the table of a current along an arm that is not a cone
 _FINE = 256  # pieces of the quadrature of `facing_area`
 

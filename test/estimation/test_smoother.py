@@ -1,11 +1,17 @@
 """Filter and smoother against least squares over the whole course; optimum and consistency."""
 
 import itertools
+import sys
 
 import numpy as np
 import pytest
+from checkout import ROOT
 from estimation_arms import RUBBER, TENSIONS, rubber
 from numpy.testing import assert_allclose
+
+sys.path.insert(0, str(ROOT / 'benchmarks'))
+
+from faults import Bench, Case
 
 from octo_arm_model import Arm, Body, Material, Section, Solver
 from octo_arm_model.arm.errors import MeasurementError
@@ -192,6 +198,19 @@ def test_constants_are_the_same_at_all_times_whether_or_not_tendons_are_slack(pu
     means = np.array([estimate.mean for estimate in smooth(model, recording)])
     assert (np.ptp(means[:, model.state.tension.stop :], axis=0) < 1e-7).all()
     assert (means[:, model.state.tension] >= 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ('arm', 'sensor'), [('renda2012_table4', 2), ('renda2012_table2', 1), ('rao2021', 2)]
+)
+def test_course_with_slack_tendons_is_found_by_tip_or_markers_alone(arm, sensor):
+    bench = Bench(arm)
+    shapes, data = zip(*itertools.islice(bench.measurements(Case(arm, 'none')), 12))
+    recording = [(0.05 * step, [each[sensor]]) for step, each in enumerate(data)]
+    for estimate, shape in zip(smooth(bench.model, recording), shapes, strict=True):
+        assert (estimate.tensions >= 0.0).all()
+        error, covariance = estimate.backbone.tip - shape.tip, estimate.pose_covariance[-1, :3, :3]
+        assert error @ np.linalg.solve(covariance, error) < 25.0
 
 
 @pytest.mark.parametrize(
