@@ -444,13 +444,6 @@ def chain_bag(
     return bag_of(path, samples)
 
 
-def test_chains_lead_to_the_base_of_the_arm(tmp_path, cli):
-    said = cli.json('compare', chain_bag(tmp_path / 'bag'), *OPTIONS, '--json')
-    errors = [step['tip_error_percent'] for step in said['steps']]
-    assert errors == pytest.approx(TIP_ERRORS, abs=0.03)
-    assert any('midlines are in base_frame' in note for note in said['notes'])
-
-
 def test_a_camera_that_moves_by_tf_is_not_one_at_rest(tmp_path, cli):
     bag, s = chain_bag(tmp_path / 'bag', as_poses=True, last_pan=12.0), OPTIONS[:5]
     said = cli.json('compare', bag, *s, '--json')
@@ -494,15 +487,14 @@ def test_without_the_base_markers_are_in_the_root_and_aligned(tmp_path, cli):
     assert model['average_tip_error_percent'] < np.mean(TIP_ERRORS)
 
 
-def test_before_and_after_its_stamps_a_transform_is_unknown(tmp_path, cli):
+def test_chains_lead_to_the_base_of_the_arm_between_their_stamps(tmp_path, cli):
     bag = str(chain_bag(tmp_path / 'bag', last_pan=12.0))
     said = cli.json('compare', bag, *OPTIONS, '--json')
     errors = [step['tip_error_percent'] for step in said['steps']]
     assert errors == pytest.approx(TIP_ERRORS[: len(errors)], abs=0.03)
     assert 0 < len(errors) < len(TIP_ERRORS)
-    assert any(
-        "the transform from 'camera' to 'mount' is not known at" in note for note in said['notes']
-    )
+    for words in ('midlines are in base_frame', "from 'camera' to 'mount' is not known at"):
+        assert any(words in note for note in said['notes'])
 
 
 @pytest.mark.parametrize(

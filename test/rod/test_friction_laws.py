@@ -424,12 +424,13 @@ def test_estimated_sheath_stiffness_equals_plane_elasticity():
     assert estimate == pytest.approx(1.0 / compliance, rel=5e-3)
 
 
-def test_estimate_of_invalid_radii_is_refused():
-    with pytest.raises(
-        ArmDefinitionError, match=r'thread_radius is 0\.0, expected a finite numbe'
-    ):
-        estimate_sheath_stiffness(0.0, 0.01, 1e5)
-    with pytest.raises(
-        ArmDefinitionError, match=r'is 0\.006, expected at most 0\.5 of the radius'
-    ):
-        estimate_sheath_stiffness(0.006, 0.01, 1e5)
+@pytest.mark.parametrize(
+    ('thread', 'message'),
+    [
+        (0.0, r'thread_radius is 0\.0, expected a finite numbe'),
+        (0.006, r'is 0\.006, expected at most 0\.5 of the radius'),
+    ],
+)
+def test_estimate_of_invalid_radii_is_refused(thread, message):
+    with pytest.raises(ArmDefinitionError, match=message):
+        estimate_sheath_stiffness(thread, 0.01, 1e5)
