@@ -1,23 +1,24 @@
 """Known parameters come back from synthetic measurements, as exactly as is said."""
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import differences
 import numpy as np
 import pytest
-from checkout import ROOT
 from experiments import (
     FAR,
     PARAMETERS,
     PULLS,
+    STATIONS,
     STEPS,
+    TENSIONS,
     TRUE,
     measured,
     midline,
     one_tendon,
+    seen,
     shapes,
     tips,
 )
@@ -513,8 +514,8 @@ def lost(steps: list[MeasuredShape]) -> list[MeasuredShape]:
 
 def test_outliers_hardly_move_the_estimate():
     steps = measured(noise=5e-4)
-    for seen, near in ((lost(steps), 0.01), (steps, 2e-3)):
-        fitted = identify(seen, PARAMETERS, 'closed_form')
+    for recorded, near in ((lost(steps), 0.01), (steps, 2e-3)):
+        fitted = identify(recorded, PARAMETERS, 'closed_form')
         assert fitted.estimates[YOUNG].value == pytest.approx(TRUE, rel=near)
 
 
@@ -544,11 +545,9 @@ def test_cross_validation_tells_a_step_that_does_not_belong():
 
 def test_models_that_disagree_at_a_near_misfit_are_named():
     """On the prototype of E = 110 kPa as finite elements have it, seen by a camera."""
-    results = json.loads((ROOT / 'validation' / 'results.json').read_text(encoding='utf-8'))
-    case = results['cases']['prototype']
-    lines = 1e-3 * np.array(case['midlines_mm'])[1:]
-    pulls = [one_tendon(tension) for (tension,) in case['tensions_N'][1:]]
-    steps = shapes(list(lines), pulls, np.random.default_rng(0), 3e-4)
+    lines = [FAR.to_camera(seen(tension, STATIONS)) for tension in TENSIONS[1:]]
+    pulls = list(map(one_tendon, TENSIONS[1:]))
+    steps = shapes(lines, pulls, np.random.default_rng(0), 3e-4)
     both = [
         identify(steps, PARAMETERS, model, (YOUNG, 'alignment'), loss='linear')
         for model in ('closed_form', 'exact')
