@@ -99,7 +99,7 @@ _REFUSALS = (InvalidQosOverridesError, ParameterException, RuntimeError, ValueEr
 def create_publisher(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Publisher:
     """Create a publisher of ``node``; every policy of ``qos`` is a parameter of the node.
 
-    ConfigError if such a parameter has a value that its policy cannot have.
+    ConfigError if it cannot be created, as with a value that a policy cannot have.
     """
     with _overriding(node, 'publisher', topic) as options:
         # The profile is copied because rclpy writes the overrides into it.
@@ -117,7 +117,7 @@ def create_subscription(
 ) -> Subscription:
     """Create a subscription of ``node``; every policy of ``qos`` but lifespan is a parameter.
 
-    ConfigError if such a parameter has a value that its policy cannot have.
+    ConfigError if it cannot be created, as with a value that a policy cannot have.
     """
     with _overriding(node, 'subscription', topic) as options:
         return node.create_subscription(
@@ -149,7 +149,9 @@ def _overriding(node: Node, entity: str, topic: str) -> Iterator[QoSOverridingOp
     try:
         yield QoSOverridingOptions(POLICIES, callback=_check)
     except _REFUSALS as error:
-        raise ConfigError(f'{_prefix(node, entity, topic)}*: {error}') from error
+        is_by_override = is_overridden(node, entity, topic)
+        what = f'{_prefix(node, entity, topic)}*' if is_by_override else f'{entity} to {topic}'
+        raise ConfigError(f'{what}: {error}') from error
 
 
 def _prefix(node: Node, entity: str, topic: str) -> str:

@@ -12,7 +12,15 @@ from checkout import ROOT
 from rclpy.duration import Duration
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from octo_arm_model import ConfigError
 from octo_arm_model.arm.errors import MeasurementError
@@ -22,7 +30,7 @@ from octo_arm_model.ros.estimator.main import EstimatorNode, ManagedEstimatorNod
 from octo_arm_model.ros.node.main import ManagedOctoArmNode, OctoArmNode
 from octo_arm_model.ros.node.sensor_frames import SensorFrames
 from octo_arm_model.ros.simulator.main import SimulatorNode
-from octo_arm_model.ros.topics import POLICIES
+from octo_arm_model.ros.topics import POLICIES, create_subscription
 
 MANUAL = ROOT / 'docs' / 'node.md'
 CONFIG_FILE = preset_path('renda2012_table4')
@@ -132,6 +140,14 @@ def test_overrides_that_cannot_be_are_refused(kind, override, reason, context):
         make(kind, context, 'qos_overrides.' + override.format(topic))
     assert kind == ManagedOctoArmNode or re.search(re.escape(reason), str(error.value))
     assert '\n' not in str(error.value)
+
+
+def test_a_topic_of_another_type_is_no_matter_of_overrides(make_node):
+    node, reason = make_node('listener'), '^subscription to heard: Failed to create'
+    node.create_subscription(String, 'heard', print, 10)
+    with pytest.raises(ConfigError, match=reason) as error:
+        create_subscription(node, JointState, 'heard', print, QoSProfile(depth=1))
+    assert 'qos_overrides' not in str(error.value)
 
 
 def test_the_manual_names_every_topic(context):
