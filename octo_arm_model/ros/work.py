@@ -14,6 +14,7 @@ import threading
 import traceback
 from collections.abc import Callable
 from concurrent import futures
+from functools import partial
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -156,8 +157,8 @@ class LongCall(futures.Future[Result]):
 
 MOST_WAITING = 100  # requests of one service besides the one in progress
 
-# Called on a thread with a request, its response and a function to be called now and then; fills
-# in the response.
+# Called on a thread with a request, its response and a function to be called now and then. It
+# fills in the response; all else is done in the thread of the executor.
 Answer = Callable[[Any, Any, Callable[[], None]], None]
 
 
@@ -176,9 +177,8 @@ class QueuedService:
         self._node, self._response, self._answer = node, kind.Response, answer
         # Each has a request, its response and its header; the first is being answered.
         self._waiting: collections.deque[tuple[Any, Any, Any]] = collections.deque()
-        self._lock = threading.Lock()
         self._log = RefusalLog(node.get_logger().error)
-        self._answering: LongCall[None] | None = None  # ends when no request waits any more
+        self._call: LongCall[None] | None = None
         self._request: Any = None
         self._service = node.create_service(kind, name, self._keep)
         # Only `send_response` gets the header that identifies the request. The callback cannot be
@@ -188,12 +188,10 @@ class QueuedService:
 
     def close(self) -> None:
         """Refuse the requests that wait, and destroy the service."""
-        if self._answering is not None:
-            self._answering.abandon()
-        with self._lock:
-            for _, _, header in self._waiting:
-                self._refuse(header, 'the node stops answering')
-            self._waiting.clear()
+        if self._call is not None:
+            self._call.abandon()
+        while self._waiting:
+            self._refuse(self._waiting.popleft()[-1], 'the node stops answering')
         self._node.destroy_service(self._service)
 
     def _refuse(self, header: Any, reason: str) -> None:
@@ -204,28 +202,32 @@ class QueuedService:
         return response
 
     def _add(self, response: Any, header: Any) -> None:
-        with self._lock:
-            if len(self._waiting) > MOST_WAITING:
-                reason = f'{MOST_WAITING} requests are waiting, expected fewer at a time'
-                self._refuse(header, reason)
-                return
-            self._waiting.append((self._request, response, header))
-            if len(self._waiting) == 1:
-                self._answering = LongCall(self._answer_all)
+        if len(self._waiting) > MOST_WAITING:
+            self._refuse(header, f'{MOST_WAITING} requests are waiting, expected fewer at a time')
+            return
+        self._waiting.append((self._request, response, header))
+        if len(self._waiting) == 1:
+            self._begin()
 
-    def _answer_all(self, pause: Callable[[], None]) -> None:
-        is_over = False
-        while not is_over:
-            pause()
-            request, response, header = self._waiting[0]
-            try:
-                self._answer(request, response, pause)
-            except Exception as error:  # a fault of this package: the next are answered still
-                response.success = False
-                response.message = f'unexpected {type(error).__name__}: {in_short(error)}'
-                self._log.add('unexpected fault', traceback.format_exc())
-            with self._lock:
-                if self._waiting:  # else the service was closed meanwhile
-                    self._waiting.popleft()
-                    self._send(response, header)
-                is_over = not self._waiting
+    def _begin(self) -> None:
+        request, response, _ = self._waiting[0]
+        self._call = LongCall(partial(self._answer, request, response))
+        self._call.add_done_callback(self._on_end)
+
+    def _on_end(self, call: futures.Future[None]) -> None:
+        if executor := self._node.executor:
+            executor.create_task(guarded(self._node, partial(self._end, call)))
+
+    def _end(self, call: futures.Future[None]) -> None:
+        if not self._waiting:
+            return  # the service was closed meanwhile
+        _, response, header = self._waiting.popleft()
+        try:
+            call.result()
+        except Exception as error:  # a fault of this package: the next are answered still
+            response.success = False
+            response.message = f'unexpected {type(error).__name__}: {in_short(error)}'
+            self._log.add('unexpected fault', traceback.format_exc())
+        self._send(response, header)
+        if self._waiting:
+            self._begin()
