@@ -180,6 +180,7 @@ class QueuedService:
         self._log = RefusalLog(node.get_logger().error)
         self._call: LongCall[None] | None = None
         self._request: Any = None
+        self._is_open = True
         self._service = node.create_service(kind, name, self._keep)
         # Only `send_response` gets the header that identifies the request. The callback cannot be
         # a coroutine, because rclpy's events executor does not wait for one.
@@ -188,10 +189,11 @@ class QueuedService:
 
     def close(self) -> None:
         """Refuse the requests that wait, and destroy the service."""
+        self._is_open = False
         if self._call is not None:
             self._call.abandon()
-        while self._waiting:
-            self._refuse(self._waiting.popleft()[-1], 'the node stops answering')
+        for _, _, header in self._waiting:
+            self._refuse(header, 'the node stops answering')
         self._node.destroy_service(self._service)
 
     def _refuse(self, header: Any, reason: str) -> None:
@@ -202,6 +204,8 @@ class QueuedService:
         return response
 
     def _add(self, response: Any, header: Any) -> None:
+        if not self._is_open:
+            return  # the executor knew of it before; rclpy can answer it no more
         if len(self._waiting) > MOST_WAITING:
             self._refuse(header, f'{MOST_WAITING} requests are waiting, expected fewer at a time')
             return
@@ -219,8 +223,8 @@ class QueuedService:
             executor.create_task(guarded(self._node, partial(self._end, call)))
 
     def _end(self, call: futures.Future[None]) -> None:
-        if not self._waiting:
-            return  # the service was closed meanwhile
+        if not self._is_open:
+            return
         _, response, header = self._waiting.popleft()
         try:
             call.result()

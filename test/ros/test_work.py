@@ -69,6 +69,9 @@ def test_requests_are_answered_in_order_bounded_and_to_the_end(make_node):
     service.close()
     live_nodes.spin_until(executor, lambda: all(one.done() for one in asked))
     assert {one.result().message for one in asked} == {'the node stops answering'}
+    # One that the executor knew of before is not answered, which rclpy cannot do any more.
+    service._service.send_response(Solve.Response(), None)
+    assert len(service._waiting) == 3
 
 
 def test_faults_of_callbacks_are_logged_once_a_period_and_end_nothing(context, capfd, monkeypatch):
