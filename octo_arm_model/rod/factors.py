@@ -124,18 +124,10 @@ class LazyFactors:
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution for the sides ``right``; raise ConvergenceError if singular."""
-        return self.factors().solve(right)
-
-    def factors(self) -> Factors:
-        """Return the LU factors, which are computed the first time.
-
-        Raises:
-            ConvergenceError: if the Jacobian is singular or not finite.
-        """
         if self._factors is None:
             assert self._jacobian is not None
             self._factors, self._jacobian = factorise(self._jacobian), None
-        return self._factors
+        return self._factors.solve(right)
 
 
 def factorise(jacobian: FloatArray) -> Factors:

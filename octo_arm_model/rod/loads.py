@@ -174,12 +174,10 @@ class OtherLoads:
         columns[:, :3] = self.up_to(tangent.s)[:, np.newaxis, np.newaxis] * inverse
         work.jacobian[:] -= rows.reshape(-1, 3) @ columns.reshape(-1, 3).T
 
-    def require_tangents(self, purpose: str) -> None:
-        """Raise LoadError if a load states no tangent stiffness, which a ``purpose`` needs."""
-        if self.without_tangent:
-            raise LoadError(
-                f'{self.without_tangent} states no tangent stiffness, which {purpose} needs'
-            )
+    def require_tangents(self) -> None:
+        """Raise LoadError if a load states no tangent stiffness, which derivatives need."""
+        if name := self.without_tangent:
+            raise LoadError(f'{name} states no tangent stiffness, which sensitivity needs')
 
     def _up_to(self, s: float) -> FloatArray:
         return np.asarray(self.elements.integration(np.array([s]))[0])

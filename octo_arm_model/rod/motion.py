@@ -73,11 +73,6 @@ def base_of(pose: Pose) -> FloatArray:
     return np.array([*pose.position, w, x, y, z])
 
 
-def _quiet() -> np.errstate:
-    """Return a context without NumPy's warnings, for code that checks for NaN itself."""
-    return np.errstate(over='ignore', invalid='ignore', divide='ignore')
-
-
 class Dynamics:
     """The dynamics of one arm.
 
@@ -174,21 +169,21 @@ class Dynamics:
         water = np.array([current, *np.zeros((2, 3))])
         return self._state(time, base, state, (twist, place, water))
 
+    @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def _in_current(self, at_nodes: NodeCondition, z: FloatArray, current: FloatArray) -> State:
         """Return the balance near ``z`` at rest, in a ``current`` that is raised step by step."""
         problem = self.problem
-        with _quiet():
-            for steps in (1, 8, 64):
-                guess = z
-                for step in range(1, steps + 1):
-                    water = np.array([current * (step / steps), np.zeros(3)])
-                    problem.rule = problem.rest._replace(water=water)
-                    result = newton(problem, problem.evaluate(at_nodes, guess), TOLERANCE)
-                    guess = result.state.z
-                if result.state.residual <= TOLERANCE:
-                    break
-            beginning = 'the equilibrium in which the motion begins'
-            self._require(beginning, result.state, TOLERANCE, result.iterations)
+        for steps in (1, 8, 64):
+            guess = z
+            for step in range(1, steps + 1):
+                water = np.array([current * (step / steps), np.zeros(3)])
+                problem.rule = problem.rest._replace(water=water)
+                result = newton(problem, problem.evaluate(at_nodes, guess), TOLERANCE)
+                guess = result.state.z
+            if result.state.residual <= TOLERANCE:
+                break
+        beginning = 'the equilibrium in which the motion begins'
+        self._require(beginning, result.state, TOLERANCE, result.iterations)
         return result.state
 
     def checked(self, inputs: Inputs) -> CheckedInputs:
@@ -241,6 +236,7 @@ class Dynamics:
 
     # Steps -------------------------------------------------------------------------------------
 
+    @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def step(self, state: MotionState, inputs: Inputs, dt: float) -> MotionState:
         """Return the state after ``dt`` [s], at whose end ``inputs`` act.
 
@@ -254,9 +250,9 @@ class Dynamics:
         """
         dt = within('dt', dt, *STEPS, 's')
         self._require_own(state)
-        with _quiet():
-            return self._advance(state, self.checked(inputs), dt, dt)
+        return self._advance(state, self.checked(inputs), dt, dt)
 
+    @np.errstate(over='ignore', invalid='ignore', divide='ignore')
     def go_on(
         self, state: MotionState, inputs: Inputs, elapsed: float, longest: float
     ) -> MotionState:
@@ -271,11 +267,8 @@ class Dynamics:
         self._require_own(state)
         checked, count = self.checked(inputs), max(math.ceil(elapsed / longest - 1e-9), 1)
         dt = within('dt', elapsed / count, *STEPS, 's')
-        with _quiet():
-            for steps in range(count, 0, -1):
-                state = self._advance(
-                    state, self._between(state, checked, 1.0 / steps), dt, _SHORT
-                )
+        for steps in range(count, 0, -1):
+            state = self._advance(state, self._between(state, checked, 1.0 / steps), dt, _SHORT)
         return state
 
     def _require_own(self, state: MotionState) -> None:

@@ -24,7 +24,7 @@ from octo_arm_model.arm.hints import FloatArray
 from octo_arm_model.arm.loads import Loads
 from octo_arm_model.arm.validation import check_class, check_fields, not_negative
 from octo_arm_model.rod.equilibrium import Equilibrium, Problem
-from octo_arm_model.rod.factors import LazyFactors
+from octo_arm_model.rod.factors import LazyFactors, Linear
 from octo_arm_model.rod.loads import along, in_sections, pose_rates
 from octo_arm_model.rod.rod import Rod
 from octo_arm_model.rod.rotations import skew
@@ -252,13 +252,12 @@ class Linearisation:
         ``outwards`` (4, N, J) are the `outward_paths` of the tendons there.
         """
         state, factors = equilibrium.state, equilibrium.factors
-        problem.others.require_tangents('sensitivity')
+        problem.others.require_tangents()
         self.state, self.tension = state, problem.tension_derivatives(state)
         # The test of its stability may have linearised this state already.
-        if isinstance(factors, LazyFactors) and factors.z is state.z:
-            self.factors = factors.factors()
-        else:
-            self.factors = problem.linearise(state)
+        if not (isinstance(factors, LazyFactors) and factors.z is state.z):
+            factors = problem.linearise(state)
+        self.factors: Linear = factors
         problem.load_work(state)
         if self.tension is not None:
             self.tension.require(arm.tendon_names, state.condition.tensions)
