@@ -545,7 +545,7 @@ def test_cross_validation_tells_a_step_that_does_not_belong():
 
 def test_models_that_disagree_at_a_near_misfit_are_named():
     """On the prototype of E = 110 kPa as finite elements have it, seen by a camera."""
-    lines = [FAR.to_camera(seen(tension, STATIONS)) for tension in TENSIONS[1:]]
+    lines = [FAR.from_base(seen(tension, STATIONS)) for tension in TENSIONS[1:]]
     pulls = list(map(one_tendon, TENSIONS[1:]))
     steps = shapes(lines, pulls, np.random.default_rng(0), 3e-4)
     both = [
