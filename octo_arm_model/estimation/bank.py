@@ -369,7 +369,7 @@ class BankFilter:
         If it ``is_common``, see `CommonFault`, a sensor that contradicts the others may be the one
         that is right. Then only load cells are called wrong.
         """
-        doubted = bank.doubts[bank.leader]
+        doubted = bank.doubts[bank.leader] & bank.heard
         if not doubted:
             return _NO_DOUBTS, ()
         weight, suspects = self._weight(bank), []
@@ -404,7 +404,8 @@ class BankFilter:
     def _neighbours(self, bank: Bank, root: Doubts) -> Bank:
         """Return the hypotheses with one doubt more or less than ``root``."""
         rules, leading = self._rules, bank.doubts[bank.leader]
-        suspects = sorted(self.cells & bank.heard) if rules.cell_fault else []
+        # Hypotheses about cells that have not measured widen the search where none does.
+        suspects = sorted(self.cells) if rules.cell_fault else []
         all_cells = [self.cells] if suspects else []
         if rules.sensor_fault and not root:
             # All other sensors are not doubted at once: then the state of the arm is wrong.
