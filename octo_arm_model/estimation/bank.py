@@ -377,7 +377,8 @@ class BankFilter:
         doubting = {name: np.array([name in names for names in bank.doubts]) for name in sensors}
         possible = doubted & self.cells if is_common else doubted
         refused = frozenset(name for name in possible if weight[doubting[name]].sum() > 0.5)
-        remaining = weight * [bool(names) for names in bank.doubts]
+        # Hypotheses that doubt only sensors which have not measured name none.
+        remaining = weight * np.any(list(doubting.values()), axis=0)
         half = 0.5 * remaining.sum()
         while not refused and remaining.sum() >= half:
             suspects.append(max(sensors, key=lambda name: float(remaining[doubting[name]].sum())))

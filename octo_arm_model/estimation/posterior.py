@@ -21,7 +21,7 @@ import numpy as np
 
 from octo_arm_model.arm.errors import SolveError
 from octo_arm_model.arm.hints import FloatArray
-from octo_arm_model.estimation.gaussian import Gaussian, lower_root, solve_lower, spread
+from octo_arm_model.estimation.gaussian import Gaussian, lower_root, solve_lower, spread, square_of
 from octo_arm_model.estimation.measurement import Rows
 from octo_arm_model.estimation.model import ArmModel, Prediction
 
@@ -76,13 +76,11 @@ def agree(
         return Fit(Gaussian(mean, prior.root), prediction)
     if not is_new:
         try:
-            local = _Local(prior, rows, weight, prediction)
-            linear = max(prediction.linear_part(x) for x in (prior.mean, local.step()[0]))
-            # If both are far, one of them may be nearer. A step needs one more evaluation.
-            if linear < 1.0 and prediction.work.is_left(spared + 1):
+            is_far = prediction.linear_part(prior.mean) < 1.0
+            if is_far and prediction.work.is_left(spared + 1):  # a step needs one more evaluation
                 new = prediction.solved_at(nearest_possible(prediction.model, prior))
-                local = min(local, _Local(prior, rows, weight, new), key=_Local.start_cost)
-            fit = _fit(local, spared)
+                prediction = min(prediction, new, key=lambda point: _cost(prior, rows, point))
+            fit = _fit(_Local(prior, rows, weight, prediction), spared)
             if fit.is_converged or not prediction.work.is_left(spared):
                 return fit
             prediction = fit.prediction
@@ -92,6 +90,11 @@ def agree(
         blurred = rows.blurred(factor)
         prediction = _fit(_Local(prior, blurred, weight, prediction), spared).prediction
     return _fit(_Local(prior, rows, weight, prediction), spared)
+
+
+def _cost(prior: Gaussian, rows: Rows, prediction: Prediction) -> float:
+    of_prior = square_of(prediction.x - prior.mean, prior.root)
+    return of_prior + square_of(rows.innovation(prediction), rows.noise_root)
 
 
 class _Local:
@@ -165,14 +168,10 @@ class _Local:
         z = self._white(x)
         return float(z @ z + innovation @ innovation + 2.0 * (self.slope @ (z - self.z)))
 
-    def start_cost(self) -> float:
-        """Return the squares at the state of the model."""
-        return self.cost(self.prediction.x, self.innovation)
-
     def moved_towards(self, target: FloatArray, spared: int) -> _Local | None:
         """Return the model at a more probable state towards ``target``; None if there is none."""
         start = self.prediction
-        most = self.start_cost() + _SLACK * target.size
+        most = self.cost(start.x, self.innovation) + _SLACK * target.size
         scale = start.linear_part(target)
         for _ in range(_MOST_HALVINGS):
             if not start.work.is_left(spared):
