@@ -27,11 +27,11 @@ MOST = {
     'octo_arm_model/experiment': 6_250,
     'octo_arm_model/reproduce': 1_030,
     'octo_arm_model/rod': 11_360,
-    'octo_arm_model/ros': 4_510,
+    'octo_arm_model/ros': 4_490,
     'octo_arm_model/simulation': 2_210,
     'octo_arm_model/viewer': 2_070,
     'octo_arm_model/wire': 1_370,
-    'test': 24_450,
+    'test': 24_290,
 }
 
 
