@@ -77,12 +77,12 @@ def interruptible(callback: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(callback)
     def run(*arguments: Any) -> Any:
         if _State.has_come:
-            return arguments[-1] if arguments else None
+            return arguments[-1] if arguments else None  # of a service its response, as it is
         try:
             _State.is_running = True
             return callback(*arguments)
         except _Interruption:
-            return arguments[-1] if arguments else None
+            return arguments[-1] if arguments else None  # of a service its response, as it is
         finally:
             _State.is_running = False
 
@@ -102,7 +102,7 @@ def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
         except Exception:
             if node.context.ok():  # else a signal has shut it down amid the callback
                 log.add('unexpected fault', traceback.format_exc())
-            return arguments[-1] if arguments else None
+            return arguments[-1] if arguments else None  # of a service its response, as it is
 
     return interruptible(run)
 
