@@ -443,8 +443,7 @@ class BankFilter:
                 # The leader does not know the tensions, which load cells measure again.
                 is_forgotten[number, state.tension] = True
         prior = (is_forgotten * self._prior**2)[..., np.newaxis] * np.eye(state.size)
-        is_known = ~(is_forgotten[:, np.newaxis] | is_forgotten[..., np.newaxis])
-        return bank._replace(covariance=is_known * bank.covariance + prior)
+        return bank._replace(covariance=bank.covariance + prior)
 
 
 def _updated(bank: Bank, update: BankUpdate) -> Bank:
