@@ -39,8 +39,8 @@ _forget_older(Path(__file__).parent)
 def compiled(function: _F, *, has_entry: bool = True, inlined: bool = False) -> _F:
     """Compile a node function, and cache its machine code if it has an entry from Python."""
     options: dict[str, Any] = {'no_cpython_wrapper': not has_entry, 'no_cfunc_wrapper': True}
-    # Numba's runtime counts references to arrays, which takes half of the time at a node. A function
-    # that makes no array does without it.
+    # Numba counts references to arrays, which takes half of the time at a node. A function that
+    # makes no array does without it.
     options['_nrt'] = has_entry
     fast = {'contract', 'nsz'}
     compiler = njit(
