@@ -37,15 +37,10 @@ def equal_axes(points: FloatArray, half: float = 0.53) -> FloatArray:
 
 
 class Overlap(NamedTuple):
-    """Two points of the backbone that are nearer to each other than the sum of their radii.
+    """Two points of the backbone that are nearer to each other than the sum of their radii."""
 
-    Attributes:
-        depth: sum of the radii less the distance of the points [m].
-        s: arc coordinates of both points, the one nearer to the base first [m].
-    """
-
-    depth: float
-    s: tuple[float, float]
+    depth: float  #: sum of the radii less the distance of the points [m]
+    s: tuple[float, float]  #: arc coordinates of both points, the one nearer to the base first [m]
 
 
 def deepest_overlap(s: FloatArray, position: FloatArray, radius: FloatArray) -> Overlap | None:
@@ -127,20 +122,15 @@ _UPRIGHT = np.array([0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)])
 
 
 class ArmGeometry(NamedTuple):
-    """The geometry of one shape in the frame of its backbone.
+    """The geometry of one shape in the frame of its backbone."""
 
-    Attributes:
-        vertices: vertices of the body, joined by `Drawing.triangles`, (vertices, 3) [m].
-        disc_position: centres of the discs at anchorages, from the tip, (sections, 3) [m].
-        disc_quaternion: orientations x, y, z, w of these discs, whose axis is z, (sections, 4).
-        disc_radius: radii of these discs, (sections,) [m].
-        tendons: points from the base to the anchorage of each tendon, each (points, 3) [m].
-    """
-
-    vertices: FloatArray
+    vertices: FloatArray  #: vertices of the body, joined by `Drawing.triangles`, (vertices, 3) [m]
+    #: centres of the discs at anchorages, from the tip, (sections, 3) [m]
     disc_position: FloatArray
+    #: orientations x, y, z, w of these discs, whose axis is z, (sections, 4)
     disc_quaternion: FloatArray
-    disc_radius: FloatArray
+    disc_radius: FloatArray  #: radii of these discs, (sections,) [m]
+    #: points from the base to the anchorage of each tendon, each (points, 3) [m]
     tendons: list[FloatArray]
 
 

@@ -14,16 +14,12 @@ from octo_arm_model.rod.solver import Solver
 
 
 class Answer(NamedTuple):
-    """A shape and the covariance of its tip.
-
-    Attributes:
-        backbone: the shape.
-        covariance: covariance of the pose of the tip, (6, 6); None if not asked for or unknown.
-        unknown: error because of which it is unknown, such as tendons that stick by friction.
-    """
+    """A shape and the covariance of its tip."""
 
     backbone: Backbone
+    #: covariance of the pose of the tip, (6, 6); None if not asked for or unknown
     covariance: FloatArray | None
+    #: error because of which it is unknown, such as tendons that stick by friction
     unknown: OctoArmError | None = None
 
 

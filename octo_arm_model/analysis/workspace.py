@@ -32,21 +32,14 @@ CHUNK = 64
 
 @dataclass(frozen=True)
 class Workspace:
-    """The tips of an arm for the ``n`` sets of tensions that have a solution.
+    """The tips of an arm for the ``n`` sets of tensions that have a solution."""
 
-    Attributes:
-        tensions: sets of tensions [N], (n, *Arm.tension_shape), in the order of the sequence.
-        tip: positions of the tip in base_frame [m], (n, 3).
-        direction: unit tangent of the midline at the tip in base_frame [-], (n, 3).
-        refused: number of sets without a solution, which are not among the n.
-        highest: upper bounds of the sampled tensions [N], of `Arm.tension_shape`.
-    """
-
+    #: sets of tensions [N], (n, *Arm.tension_shape), in the order of the sequence
     tensions: FloatArray
-    tip: FloatArray
-    direction: FloatArray
-    refused: int
-    highest: FloatArray
+    tip: FloatArray  #: positions of the tip in base_frame [m], (n, 3)
+    direction: FloatArray  #: unit tangent of the midline at the tip in base_frame [-], (n, 3)
+    refused: int  #: number of sets without a solution, which are not among the n
+    highest: FloatArray  #: upper bounds of the sampled tensions [N], of `Arm.tension_shape`
 
 
 def sample_workspace(

@@ -17,21 +17,13 @@ _TERMS = np.arange(1.0, 40.0, 2.0)  # of the series of the torsion constant of a
 
 
 class Geometry(NamedTuple):
-    """The geometry of cross sections at n arc coordinates, each (n,).
+    """The geometry of cross sections at n arc coordinates, each (n,)."""
 
-    Attributes:
-        area: area of the material [m^2].
-        about_n: second moment of area for bending about n [m^4].
-        about_b: second moment of area for bending about b [m^4].
-        torsion: torsion constant [m^4]; the polar moment of a round section.
-        displaced: area within the outline, with a bore [m^2].
-    """
-
-    area: FloatArray
-    about_n: FloatArray
-    about_b: FloatArray
-    torsion: FloatArray
-    displaced: FloatArray
+    area: FloatArray  #: area of the material [m^2]
+    about_n: FloatArray  #: second moment of area for bending about n [m^4]
+    about_b: FloatArray  #: second moment of area for bending about b [m^4]
+    torsion: FloatArray  #: torsion constant [m^4]; the polar moment of a round section
+    displaced: FloatArray  #: area within the outline, with a bore [m^2]
 
     @classmethod
     def of_tube(cls, outer: FloatArray, inner: FloatArray) -> Geometry:

@@ -24,14 +24,10 @@ BASE, TIP = TIP_FRAMES = 'base', 'tip'  # frames in which a wrench on the tip ma
 
 
 class Resultants(NamedTuple):
-    """The resultants of a load on the part of a rod from each point to the tip, in base_frame.
+    """The resultants of a load on the part of a rod from each point to the tip, in base_frame."""
 
-    Attributes:
-        force: resultant force, (3, points) [N].
-        moment: sum of the free moments, without the moments of the forces, (3, points) [N m].
-    """
-
-    force: FloatArray
+    force: FloatArray  #: resultant force, (3, points) [N]
+    #: sum of the free moments, without the moments of the forces, (3, points) [N m]
     moment: FloatArray
 
 

@@ -15,15 +15,10 @@ from octo_arm_model.arm.validation import check_fields, finite, not_negative, po
 
 
 class Law(NamedTuple):
-    """An elastic law of a cross section.
+    """An elastic law of a cross section."""
 
-    Attributes:
-        number: number of the law in `rod.section_formulas`, which has its energy.
-        meant_for: the kind of arm for which it is meant, in one or two words.
-    """
-
-    number: int
-    meant_for: str
+    number: int  #: number of the law in `rod.section_formulas`, which has its energy
+    meant_for: str  #: the kind of arm for which it is meant, in one or two words
 
 
 LINEAR, NEO_HOOKEAN = range(2)
@@ -99,17 +94,11 @@ class Material:
 
 
 class WaterCoefficients(NamedTuple):
-    """The coefficients of drag and added mass of a slender body in water [-].
+    """The coefficients of drag and added mass of a slender body in water [-]."""
 
-    Attributes:
-        normal_drag: C_n of a flow across the body: drag per length rho R C_n v |v|.
-        tangential_drag: C_t of a flow along the body: drag per length rho R pi C_t v |v| / 2.
-        added_mass: C_a, mass of water accelerated across the body over the displaced mass.
-    """
-
-    normal_drag: float
-    tangential_drag: float
-    added_mass: float
+    normal_drag: float  #: C_n of a flow across the body: drag per length rho R C_n v |v|
+    tangential_drag: float  #: C_t of a flow along the body: drag per length rho R pi C_t v |v| / 2
+    added_mass: float  #: C_a, mass of water accelerated across the body over the displaced mass
 
 
 # Renda et al. 2018, IJRR 37(6) 648, for arms of the same silicone, and a long circular cylinder.

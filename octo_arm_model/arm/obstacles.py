@@ -18,32 +18,22 @@ _LEAST = 1e-12  # least distance from a centre or an axis at which there is a di
 
 
 class Nearest(NamedTuple):
-    """The nearest points of the surface of an obstacle to n places.
+    """The nearest points of the surface of an obstacle to n places."""
 
-    Attributes:
-        distance: distance to the surface [m], negative inside, (n,).
-        normal: outward normal of the surface, (n, 3).
-        normal_by_place: derivative of the normal by the place [1/m], (n, 3, 3).
-    """
-
-    distance: FloatArray
-    normal: FloatArray
-    normal_by_place: FloatArray
+    distance: FloatArray  #: distance to the surface [m], negative inside, (n,)
+    normal: FloatArray  #: outward normal of the surface, (n, 3)
+    normal_by_place: FloatArray  #: derivative of the normal by the place [1/m], (n, 3, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Obstacle(abc.ABC):
-    """A body at rest that pushes away an arm that enters it.
+    """A body at rest that pushes away an arm that enters it."""
 
-    Attributes:
-        stiffness: pressure per depth [N/m^3], > 0.
-        friction: Coulomb's coefficient mu between arm and obstacle [-], >= 0; for motion.
-        creep_speed: sliding speed at which friction has 0.71 of its full size [m/s], > 0; at lower
-            speeds friction is less.
-    """
-
-    stiffness: float
+    stiffness: float  #: pressure per depth [N/m^3], > 0
+    #: Coulomb's coefficient mu between arm and obstacle [-], >= 0; for motion
     friction: float = 0.0
+    #: sliding speed at which friction has 0.71 of its full size [m/s], > 0; at lower speeds
+    #: friction is less
     creep_speed: float = 1e-3
     _place: ClassVar[str] = 'point'  # name of the field with the position
 

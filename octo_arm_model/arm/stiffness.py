@@ -18,21 +18,13 @@ _WIDEST = 0.5  # largest radius of a sheath for which the formula holds, over th
 
 
 class SectionStiffness(NamedTuple):
-    """The stiffness of the cross section at each node, each (nodes,).
+    """The stiffness of the cross section at each node, each (nodes,)."""
 
-    Attributes:
-        axial: E A [N].
-        torsion: G I [N m^2].
-        bending_n: E J of bending about n [N m^2].
-        bending_b: E J of bending about b [N m^2].
-        shear: G A [N].
-    """
-
-    axial: FloatArray
-    torsion: FloatArray
-    bending_n: FloatArray
-    bending_b: FloatArray
-    shear: FloatArray
+    axial: FloatArray  #: E A [N]
+    torsion: FloatArray  #: G I [N m^2]
+    bending_n: FloatArray  #: E J of bending about n [N m^2]
+    bending_b: FloatArray  #: E J of bending about b [N m^2]
+    shear: FloatArray  #: G A [N]
 
     @classmethod
     def at(cls, arm: Arm, nodes: FloatArray) -> SectionStiffness:

@@ -47,54 +47,37 @@ _MOST_AHEAD = 1e8  # bound of a clock offset [s], as seconds of a stamp are an i
 class Experiment:
     """The parameters of the simulated experiment of `add_demo`, and the noise of its sensors.
 
-    Attributes:
-        stiffness: true Young's modulus over that of the config [-].
-        clock_offset: time by which the camera's clock is ahead [s].
-        hold: time for which each tension is held [s].
-        ramp: time from one tension to the next [s].
-        tension_rate: messages of tensions per second [Hz].
-        camera_rate: midlines per second [Hz].
-        tension_noise: standard deviation of the tension of the tendon that is pulled [N].
-        midline_noise: standard deviation of each coordinate of a midline [m].
-        dropped: share of the midlines that are missing [-].
-        outliers: share of the midlines with points far from the arm [-].
-        sheath: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. Encoders of
-            the winches are recorded only with this or the next.
-        axial_stiffness: true E A of the tendons [N]; 0 for that of the config.
-        encoder_noise: standard deviation of the reading of an encoder [m].
-        friction: coefficient of friction of the tendons [-]; with it tensions also go down again.
-        touch: force on the tip [N] along `TOUCH_DIRECTION` while the middle tension is held; with
-            it the pose of the tip is measured too.
-        markers: arc coordinates of markers that are measured [m].
-        marker_rate: poses of the tip, and messages of markers, per second [Hz].
-        marker_noise: standard deviation of each coordinate of tip and markers [m].
-        turn_noise: standard deviation of each component of the tip's rotation vector [rad].
-        seed: seed of all random numbers.
-
     Raises:
         ArmDefinitionError: if a value is impossible.
     """
 
-    stiffness: float = 1.1
-    clock_offset: float = 0.08
-    hold: float = 4.0
-    ramp: float = 1.0
-    tension_rate: float = 100.0
-    camera_rate: float = 10.0
+    stiffness: float = 1.1  #: true Young's modulus over that of the config [-]
+    clock_offset: float = 0.08  #: time by which the camera's clock is ahead [s]
+    hold: float = 4.0  #: time for which each tension is held [s]
+    ramp: float = 1.0  #: time from one tension to the next [s]
+    tension_rate: float = 100.0  #: messages of tensions per second [Hz]
+    camera_rate: float = 10.0  #: midlines per second [Hz]
+    #: standard deviation of the tension of the tendon that is pulled [N]
     tension_noise: float = 0.005
-    midline_noise: float = 0.0005
-    dropped: float = 0.05
-    outliers: float = 0.03
+    midline_noise: float = 0.0005  #: standard deviation of each coordinate of a midline [m]
+    dropped: float = 0.05  #: share of the midlines that are missing [-]
+    outliers: float = 0.03  #: share of the midlines with points far from the arm [-]
+    #: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. Encoders of the
+    #: winches are recorded only with this or the next.
     sheath: float = 0.0
-    axial_stiffness: float = 0.0
-    encoder_noise: float = 2e-5
+    axial_stiffness: float = 0.0  #: true E A of the tendons [N]; 0 for that of the config
+    encoder_noise: float = 2e-5  #: standard deviation of the reading of an encoder [m]
+    #: coefficient of friction of the tendons [-]; with it tensions also go down again
     friction: float = 0.0
+    #: force on the tip [N] along `TOUCH_DIRECTION` while the middle tension is held; with it the
+    #: pose of the tip is measured too
     touch: float = 0.0
-    markers: tuple[float, ...] = ()
-    marker_rate: float = 20.0
-    marker_noise: float = 0.0005
+    markers: tuple[float, ...] = ()  #: arc coordinates of markers that are measured [m]
+    marker_rate: float = 20.0  #: poses of the tip, and messages of markers, per second [Hz]
+    marker_noise: float = 0.0005  #: standard deviation of each coordinate of tip and markers [m]
+    #: standard deviation of each component of the tip's rotation vector [rad]
     turn_noise: float = 0.02
-    seed: int = 0
+    seed: int = 0  #: seed of all random numbers
 
     def __post_init__(self) -> None:
         """Check the values that the command line sets."""

@@ -103,19 +103,12 @@ def _custom_data(info: Mapping[str, Any], text: str) -> dict[str, str]:
 
 
 class Record(NamedTuple):
-    """A message as it is stored in a bag.
+    """A message as it is stored in a bag."""
 
-    Attributes:
-        topic: topic on which it was published.
-        type_name: type of the message, such as 'nav_msgs/msg/Path'.
-        received_ns: time at which the recorder received it [ns].
-        data: serialised message, as ROS 2 sends it.
-    """
-
-    topic: str
-    type_name: str
-    received_ns: int
-    data: bytes
+    topic: str  #: topic on which it was published
+    type_name: str  #: type of the message, such as 'nav_msgs/msg/Path'
+    received_ns: int  #: time at which the recorder received it [ns]
+    data: bytes  #: serialised message, as ROS 2 sends it
 
 
 def stamp_of(message: Any, received_ns: int) -> Stamp:

@@ -36,42 +36,28 @@ _KNOWN = np.zeros((6, 6))  # covariance of the tip of an arm without uncertainty
 
 @dataclass
 class TopicReport:
-    """The answers to the messages of one topic of tensions or displacements.
+    """The answers to the messages of one topic of tensions or displacements."""
 
-    Attributes:
-        model: name of the model that answered.
-        answered: number of messages with an answer.
-        refused: number of messages that hold nothing that drives this arm.
-        failed: number of messages for which the model had no trustworthy answer.
-        unsorted: number of messages with a stamp before that of the last one.
-        skips: stamps [ns] of the first messages that were refused or failed, and the reasons.
-    """
-
-    model: str
-    answered: int = 0
-    refused: int = 0
-    failed: int = 0
-    unsorted: int = 0
+    model: str  #: name of the model that answered
+    answered: int = 0  #: number of messages with an answer
+    refused: int = 0  #: number of messages that hold nothing that drives this arm
+    failed: int = 0  #: number of messages for which the model had no trustworthy answer
+    unsorted: int = 0  #: number of messages with a stamp before that of the last one
+    #: stamps [ns] of the first messages that were refused or failed, and the reasons
     skips: list[tuple[int, str]] = field(default_factory=list)
 
 
 @dataclass
 class Report:
-    """The result of a replay.
+    """The result of a replay."""
 
-    Attributes:
-        topics: report of each topic of tensions or displacements.
-        refusals: counts of missing answers, or poses of the tip, by topic and reason.
-        copied: number of messages that were copied.
-        not_copied: topics that could not be copied, and the reasons.
-        notes: further remarks.
-    """
-
-    topics: dict[str, TopicReport]
+    topics: dict[str, TopicReport]  #: report of each topic of tensions or displacements
+    #: counts of missing answers, or poses of the tip, by topic and reason
     refusals: Refusals = field(default_factory=Refusals)
-    copied: int = 0
+    copied: int = 0  #: number of messages that were copied
+    #: topics that could not be copied, and the reasons
     not_copied: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  #: further remarks
 
     def leave_out(self, topic: str, stamp_ns: int, reason: str, is_failure: bool = False) -> None:
         """Count a message on ``topic`` with a stamp [ns] as refused, or as failed."""

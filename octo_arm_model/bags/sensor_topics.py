@@ -17,16 +17,11 @@ NONE = '-'  # stands for a topic that is not used
 
 @dataclass(frozen=True)
 class SensorTopics:
-    """The topics of the sensors of one arm.
+    """The topics of the sensors of one arm."""
 
-    Attributes:
-        tensions: source of the tensions; None if there are none.
-        others: topics by the names of their rows of `MEASUREMENT_TOPICS`.
-        readers: by topic what returns the measurement of an ``arm`` in a message there.
-    """
-
-    tensions: Source | None
-    others: Mapping[str, str]
+    tensions: Source | None  #: source of the tensions; None if there are none
+    others: Mapping[str, str]  #: topics by the names of their rows of `MEASUREMENT_TOPICS`
+    #: by topic what returns the measurement of an ``arm`` in a message there
     readers: Mapping[str, Callable[..., Measurement]]
 
     @property

@@ -57,34 +57,22 @@ _LISTED = 20
 
 
 class Reading(NamedTuple):
-    """The tensions or displacements in a message, or the reason why it was refused.
+    """The tensions or displacements in a message, or the reason why it was refused."""
 
-    Attributes:
-        stamp: stamp of the message; its time of receipt if it has none, or no valid one.
-        tensions: tensions of `Arm.tension_shape` [N]; None if refused, or with displacements.
-        reason: reason why the message was refused, or ''.
-        displacements: length reeled in [m] by name of the tendons driven by length; None if there
-            are none.
-    """
-
-    stamp: Stamp
+    stamp: Stamp  #: stamp of the message; its time of receipt if it has none, or no valid one
+    #: tensions of `Arm.tension_shape` [N]; None if refused, or with displacements
     tensions: FloatArray | None
-    reason: str
+    reason: str  #: reason why the message was refused, or ''
+    #: length reeled in [m] by name of the tendons driven by length; None if there are none
     displacements: dict[str, float] | None = None
 
 
 class Source(NamedTuple):
-    """A topic, and perhaps a field, that tensions or displacements are read from.
+    """A topic, and perhaps a field, that tensions or displacements are read from."""
 
-    Attributes:
-        topic: topic of the messages.
-        field: field that holds the numbers, or '' for the usual field of the type.
-        is_displacements: whether they are displacements.
-    """
-
-    topic: str
-    field: str = ''
-    is_displacements: bool = False
+    topic: str  #: topic of the messages
+    field: str = ''  #: field that holds the numbers, or '' for the usual field of the type
+    is_displacements: bool = False  #: whether they are displacements
 
     def read(
         self, reader: BagReader, config: Config, record: Record, *, raw: bool = False
@@ -289,17 +277,11 @@ class ArmTopics:
 
 
 class RecordedArm(NamedTuple):
-    """An arm whose tensions or displacements are in a bag.
+    """An arm whose tensions or displacements are in a bag."""
 
-    Attributes:
-        prefix: namespace of its topics, with the slash.
-        sources: sources of its tensions and displacements.
-        parameters: its parameters, as for `Config.from_parameters`.
-    """
-
-    prefix: str
-    sources: tuple[Source, ...]
-    parameters: Mapping[str, Any]
+    prefix: str  #: namespace of its topics, with the slash
+    sources: tuple[Source, ...]  #: sources of its tensions and displacements
+    parameters: Mapping[str, Any]  #: its parameters, as for `Config.from_parameters`
 
 
 def find_arms(

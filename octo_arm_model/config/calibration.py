@@ -22,20 +22,16 @@ class Calibration:
 
     Tensions, or lengths reeled in, are scale * reading + offset. Those within the deadband about
     zero are then set to zero, since load cells of slack tendons read small values of either sign.
-
-    Attributes:
-        deadband: largest magnitude that is set to zero [N], >= 0.
-        offset: offset for each tendon [N, m]; empty for no offsets.
-        scale: scale for each tendon [N, m per unit of the reading]; empty for 1. It is > 0 for
-            tensions; for encoders the radius of the spool for radians, < 0 if the motor lets the
-            tendon out as it turns forwards.
-        names: name of the reading of each tendon in incoming messages, as in `wire.tensions`;
-            tendons of one motor have the same name; empty for the names of the tendons.
     """
 
-    deadband: float = 0.0
-    offset: tuple[float, ...] = ()
+    deadband: float = 0.0  #: largest magnitude that is set to zero [N], >= 0
+    offset: tuple[float, ...] = ()  #: offset for each tendon [N, m]; empty for no offsets
+    #: scale for each tendon [N, m per unit of the reading]; empty for 1. It is > 0 for tensions;
+    #: for encoders the radius of the spool for radians, < 0 if the motor lets the tendon out as it
+    #: turns forwards.
     scale: tuple[float, ...] = ()
+    #: name of the reading of each tendon in incoming messages, as in `wire.tensions`; tendons of
+    #: one motor have the same name; empty for the names of the tendons
     names: tuple[str, ...] = ()
 
     @functools.cached_property

@@ -22,33 +22,23 @@ _WORDS = re.compile(', or |, | or ')
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter.
+    """One parameter."""
 
-    Attributes:
-        name: dotted name, as in ROS.
-        description: meaning of the parameter, with its unit in brackets.
-        default: value if none is given; None if a value must be given.
-        range: allowed values in words; `check` enforces those that it can read.
-        is_choice: whether the range lists all values, as 'pchip or linear' or 'one of a, b, c'.
-        unless: names of parameters that replace this one; if one is given this one may not be.
-        needs: names of parameters without which this one has no effect; one must be given.
-        most: largest number of values in a list, whether they are used or not.
-        what: noun for a value in errors.
-        kind: Python type of a value, or of the values in a list.
-        is_array: whether the value is a list.
-    """
-
-    name: str
-    description: str
-    default: Any = None
-    range: str = ''
+    name: str  #: dotted name, as in ROS
+    description: str  #: meaning of the parameter, with its unit in brackets
+    default: Any = None  #: value if none is given; None if a value must be given
+    range: str = ''  #: allowed values in words; `check` enforces those that it can read
+    #: whether the range lists all values, as 'pchip or linear' or 'one of a, b, c'
     is_choice: bool = False
+    #: names of parameters that replace this one; if one is given this one may not be
     unless: tuple[str, ...] = ()
+    #: names of parameters without which this one has no effect; one must be given
     needs: tuple[str, ...] = ()
+    #: largest number of values in a list, whether they are used or not
     most: int = MAX_TABLE_POINTS
-    what: str = 'number'
-    kind: type = float
-    is_array: bool = False
+    what: str = 'number'  #: noun for a value in errors
+    kind: type = float  #: Python type of a value, or of the values in a list
+    is_array: bool = False  #: whether the value is a list
 
     @property
     def type_name(self) -> str:
@@ -251,14 +241,11 @@ def stated(row: str, description: str) -> Any:
 class ParameterGroup:
     """The base class of groups of parameters: dataclasses whose fields are made by `stated`.
 
-    Attributes:
-        GROUP: prefix of the names of the parameters, before a dot; '' for no prefix.
-
     Raises:
         ArmDefinitionError: if a value is outside its range.
     """
 
-    GROUP: ClassVar[str]
+    GROUP: ClassVar[str]  #: prefix of the names of the parameters, before a dot; '' for no prefix
 
     def __post_init__(self) -> None:
         """Check all values."""

@@ -51,28 +51,19 @@ _NO_DOUBTS: Doubts = frozenset()
 
 
 class Bank(NamedTuple):
-    """The hypotheses about the sensors of one arm.
+    """The hypotheses about the sensors of one arm."""
 
-    Attributes:
-        doubts: sensors that each hypothesis does not use.
-        mean: mean of the state by each, (hypotheses, n).
-        covariance: covariance of the state by each, (hypotheses, n, n).
-        contradiction: contradiction of each [nat], (hypotheses,).
-        leader: index of the most probable one, whose state is published.
-        heard: sensors that have measured so far.
-        agreement: mean ratio of the bias that innovations caused in the mode to the expected one,
-            and the inverse of its variance; 0 +- 1 before any.
-        is_open: which are not compared near their own shape yet: they doubt a load cell, or use
-            all of them again.
-    """
-
-    doubts: tuple[Doubts, ...]
-    mean: FloatArray
-    covariance: FloatArray
-    contradiction: FloatArray
-    leader: int
-    heard: Doubts
+    doubts: tuple[Doubts, ...]  #: sensors that each hypothesis does not use
+    mean: FloatArray  #: mean of the state by each, (hypotheses, n)
+    covariance: FloatArray  #: covariance of the state by each, (hypotheses, n, n)
+    contradiction: FloatArray  #: contradiction of each [nat], (hypotheses,)
+    leader: int  #: index of the most probable one, whose state is published
+    heard: Doubts  #: sensors that have measured so far
+    #: mean ratio of the bias that innovations caused in the mode to the expected one, and the
+    #: inverse of its variance; 0 +- 1 before any
     agreement: tuple[float, float]
+    #: which are not compared near their own shape yet: they doubt a load cell, or use all of them
+    #: again
     is_open: NDArray[np.bool_]
 
     @property
@@ -117,25 +108,15 @@ def new_bank(model: ArmModel) -> Bank:
 
 
 class BankUpdate(NamedTuple):
-    """The update of every hypothesis by some measurements.
+    """The update of every hypothesis by some measurements."""
 
-    Attributes:
-        mean: mean of the state after them, (hypotheses, n).
-        covariance: covariance of the state after them, (hypotheses, n, n).
-        is_used: which numbers each hypothesis used, (hypotheses, m).
-        cost: contradiction of each by the measurements [nat], (hypotheses,).
-        innovation: measured less predicted before, (hypotheses, m).
-        expected: expected covariance of the innovation, (hypotheses, m, m).
-        square: normalised square of all numbers that each used, (hypotheses,).
-    """
-
-    mean: FloatArray
-    covariance: FloatArray
-    is_used: NDArray[np.bool_]
-    cost: FloatArray
-    innovation: FloatArray
-    expected: FloatArray
-    square: FloatArray
+    mean: FloatArray  #: mean of the state after them, (hypotheses, n)
+    covariance: FloatArray  #: covariance of the state after them, (hypotheses, n, n)
+    is_used: NDArray[np.bool_]  #: which numbers each hypothesis used, (hypotheses, m)
+    cost: FloatArray  #: contradiction of each by the measurements [nat], (hypotheses,)
+    innovation: FloatArray  #: measured less predicted before, (hypotheses, m)
+    expected: FloatArray  #: expected covariance of the innovation, (hypotheses, m, m)
+    square: FloatArray  #: normalised square of all numbers that each used, (hypotheses,)
 
 
 class BankFilter:

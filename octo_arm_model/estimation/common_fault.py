@@ -25,24 +25,18 @@ _LASTING, _LEAST = 5.0, 0.02  # [s] in which the probability falls by e; its lea
 
 
 class CommonFault(NamedTuple):
-    """The possibility of a fault that several sensors have in common.
+    """The possibility of a fault that several sensors have in common."""
 
-    Attributes:
-        earlier: the state before the jump, without measurements since then; None without a jump.
-        weight: probability of the fault.
-        changes: change of all tensions [N] and of the tip's position [m] in the last step; None
-            before the second step.
-        usual: mean squares of the differences of these changes from the previous ones [N^2, m^2].
-        steps: number of averaged steps.
-        unused: sensors that were not used in the last step.
-    """
-
+    #: the state before the jump, without measurements since then; None without a jump
     earlier: Gaussian | None = None
-    weight: float = 0.0
+    weight: float = 0.0  #: probability of the fault
+    #: change of all tensions [N] and of the tip's position [m] in the last step; None before the
+    #: second step
     changes: FloatArray | None = None
+    #: mean squares of the differences of these changes from the previous ones [N^2, m^2]
     usual: FloatArray = np.zeros(1)
-    steps: int = 0
-    unused: Doubts = frozenset()
+    steps: int = 0  #: number of averaged steps
+    unused: Doubts = frozenset()  #: sensors that were not used in the last step
 
     def after(
         self,

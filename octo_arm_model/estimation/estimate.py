@@ -33,44 +33,30 @@ _Parts = list[tuple[Rows, BankUpdate]]
 
 @dataclass(frozen=True)
 class Estimate:
-    """The normal distribution of the state and of the shape at one time.
+    """The normal distribution of the state and of the shape at one time."""
 
-    Attributes:
-        time: time of the estimate [s].
-        first: time of the first estimate since it began, or began anew [s].
-        measurements: measurements at this time.
-        bank: all hypotheses after them.
-        known: mean of the leader, with a covariance that contains the other hypotheses.
-        prediction: a prediction near this mean.
-        innovations: of every measurement, linear ones first, then of every refused load cell;
-            none of sensors that the leader does not use but that may be right.
-        accepted: measurements that were used, linear ones first.
-        normalised_square: normalised square of all numbers that were used, and their number.
-        log_likelihood: ln of the likelihood of all measurements; unused ones count as at the gate.
-        doubted: names of the sensors that are wrong with a probability of over a half.
-        suspects: if there are none, names of the smallest set of which one is probably wrong.
-        contradicted_since: time since which even the leader is contradicted [s]; None if it isn't.
-        patience: factor on the time until a contradicted estimate begins anew.
-        common_fault: the possibility of a fault that several sensors have in common.
-        begins_anew: whether the one before was contradicted, so that it began from the prior.
-    """
-
-    time: float
-    first: float
-    measurements: tuple[Measurement, ...]
-    bank: Bank
-    known: Gaussian
-    prediction: Prediction
+    time: float  #: time of the estimate [s]
+    first: float  #: time of the first estimate since it began, or began anew [s]
+    measurements: tuple[Measurement, ...]  #: measurements at this time
+    bank: Bank  #: all hypotheses after them
+    known: Gaussian  #: mean of the leader, with a covariance that contains the other hypotheses
+    prediction: Prediction  #: a prediction near this mean
+    #: of every measurement, linear ones first, then of every refused load cell; none of sensors
+    #: that the leader does not use but that may be right
     innovations: tuple[Innovation, ...]
-    accepted: tuple[Rows, ...]
+    accepted: tuple[Rows, ...]  #: measurements that were used, linear ones first
+    #: normalised square of all numbers that were used, and their number
     normalised_square: tuple[float, int]
+    #: ln of the likelihood of all measurements; unused ones count as at the gate
     log_likelihood: float
-    doubted: Doubts
+    doubted: Doubts  #: names of the sensors that are wrong with a probability of over a half
+    #: if there are none, names of the smallest set of which one is probably wrong
     suspects: tuple[str, ...]
+    #: time since which even the leader is contradicted [s]; None if it isn't
     contradicted_since: float | None
-    patience: int
-    common_fault: CommonFault
-    begins_anew: bool
+    patience: int  #: factor on the time until a contradicted estimate begins anew
+    common_fault: CommonFault  #: the possibility of a fault that several sensors have in common
+    begins_anew: bool  #: whether the one before was contradicted, so that it began from the prior
 
     def is_lost(self, time: float, recover_after: float) -> bool:
         """Return whether it is contradicted for so long at ``time`` [s] that it begins anew."""
@@ -198,19 +184,12 @@ def _in_words(axis: FloatArray, names: Sequence[str]) -> str:
 
 
 class Contact(NamedTuple):
-    """An estimated external wrench in base_frame.
+    """An estimated external wrench in base_frame."""
 
-    Attributes:
-        s: arc coordinate of the contact [m]; NaN for a current, which acts on the whole arm.
-        wrench: force and moment, (6,) [N, N m].
-        covariance: covariance of the wrench, (6, 6); zero for components not estimated.
-        is_at_tip: whether it is that of `Unknowns.tip_force` or `tip_moment`.
-    """
-
-    s: float
-    wrench: FloatArray
-    covariance: FloatArray
-    is_at_tip: bool = False
+    s: float  #: arc coordinate of the contact [m]; NaN for a current, which acts on the whole arm
+    wrench: FloatArray  #: force and moment, (6,) [N, N m]
+    covariance: FloatArray  #: covariance of the wrench, (6, 6); zero for components not estimated
+    is_at_tip: bool = False  #: whether it is that of `Unknowns.tip_force` or `tip_moment`
 
 
 NO_CONTACT = Contact(math.nan, np.zeros(6), np.zeros((6, 6)))

@@ -26,21 +26,14 @@ MAX_MOMENTS = 1000  # largest number of moments that are stored for late measure
 
 
 class EstimatorOutput(NamedTuple):
-    """The output of the estimator after a message.
+    """The output of the estimator after a message."""
 
-    Attributes:
-        estimate: the newest estimate, by the most probable place of contact.
-        hypothesis: name of this place.
-        probabilities: probabilities of all places, by name.
-        innovations: innovations of the measurements of the message, also if they were late.
-        begins_anew: whether the estimate began anew from the prior.
-    """
-
-    estimate: Estimate
-    hypothesis: str
-    probabilities: Mapping[str, float]
+    estimate: Estimate  #: the newest estimate, by the most probable place of contact
+    hypothesis: str  #: name of this place
+    probabilities: Mapping[str, float]  #: probabilities of all places, by name
+    #: innovations of the measurements of the message, also if they were late
     innovations: tuple[Innovation, ...]
-    begins_anew: bool
+    begins_anew: bool  #: whether the estimate began anew from the prior
 
 
 class _Moment(NamedTuple):

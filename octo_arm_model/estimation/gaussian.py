@@ -16,15 +16,10 @@ from octo_arm_model.arm.hints import FloatArray
 
 
 class Gaussian(NamedTuple):
-    """Normal distribution of a state.
+    """Normal distribution of a state."""
 
-    Attributes:
-        mean: mean of the state, (n,).
-        root: lower triangular square root of the covariance, (n, n).
-    """
-
-    mean: FloatArray
-    root: FloatArray
+    mean: FloatArray  #: mean of the state, (n,)
+    root: FloatArray  #: lower triangular square root of the covariance, (n, n)
 
     @classmethod
     def of(cls, mean: FloatArray, covariance: FloatArray) -> Gaussian:

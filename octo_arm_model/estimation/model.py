@@ -200,15 +200,10 @@ class ArmModel:
 
 @dataclass
 class Work:
-    """A budget of shapes to evaluate, and of iterations of the solver; without limit by default.
+    """A budget of shapes to evaluate, and of iterations of the solver; unlimited by default."""
 
-    Attributes:
-        evaluations: number of shapes that are left.
-        iterations: number of iterations that are left.
-    """
-
-    evaluations: int = sys.maxsize
-    iterations: int = sys.maxsize
+    evaluations: int = sys.maxsize  #: number of shapes that are left
+    iterations: int = sys.maxsize  #: number of iterations that are left
 
     def is_left(self, spared: int = 0) -> bool:
         """Return whether another shape may be evaluated, such that ``spared`` ones remain."""
@@ -348,13 +343,10 @@ class Prediction:
 
 @dataclass(frozen=True)
 class StateChange(Change):
-    """The derivatives of the shape by a state, whose components are the last axis.
+    """The derivatives of the shape by a state, whose components are the last axis."""
 
-    Attributes:
-        by_tip_force: derivatives of the pose by a force on the tip of the arm as described,
-            (stations, 6, 3); None if the model has no loads.
-    """
-
+    #: derivatives of the pose by a force on the tip of the arm as described, (stations, 6, 3);
+    #: None if the model has no loads
     by_tip_force: FloatArray | None = None
 
     @classmethod

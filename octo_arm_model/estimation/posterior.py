@@ -35,19 +35,13 @@ _FARTHEST = 1.0  # standard deviations to the mean up to which second derivative
 
 
 class Fit(NamedTuple):
-    """The state after measurements.
+    """The state after measurements."""
 
-    Attributes:
-        known: the distribution after them.
-        prediction: a prediction near its mean, about which they were linearised.
-        is_converged: whether the last step to the mean was short.
-        ratio: ratio of the bias that the innovation caused in the mode to the expected one, and
-            the inverse of its variance, which is 0 without second derivatives.
-    """
-
-    known: Gaussian
-    prediction: Prediction
-    is_converged: bool = True
+    known: Gaussian  #: the distribution after them
+    prediction: Prediction  #: a prediction near its mean, about which they were linearised
+    is_converged: bool = True  #: whether the last step to the mean was short
+    #: ratio of the bias that the innovation caused in the mode to the expected one, and the
+    #: inverse of its variance, which is 0 without second derivatives
     ratio: tuple[float, float] = 1.0, 0.0
 
 

@@ -28,20 +28,16 @@ Doubts = frozenset[str]  # names of the sensors that a hypothesis does not use
 class Rules:
     """The assumptions of an estimator about sensors.
 
-    Attributes:
-        gate: probability with which a right measurement is accepted.
-        cell_fault: probability that a load cell is wrong, over that of all sensors being right;
-            0 for load cells that are never wrong.
-        sensor_fault: the same ratio for any other sensor.
-        recover_after: time until an estimate that is contradicted begins anew [s]; 0 for never.
-
     Raises:
         MeasurementError: if a number is outside its range.
     """
 
-    gate: float = GATE
+    gate: float = GATE  #: probability with which a right measurement is accepted
+    #: probability that a load cell is wrong, over that of all sensors being right; 0 for load
+    #: cells that are never wrong
     cell_fault: float = 0.0
-    sensor_fault: float = 0.0
+    sensor_fault: float = 0.0  #: the same ratio for any other sensor
+    #: time until an estimate that is contradicted begins anew [s]; 0 for never
     recover_after: float = 0.0
 
     def __post_init__(self) -> None:
@@ -105,46 +101,32 @@ channels_of = functools.lru_cache(maxsize=64)(Channels)
 
 
 class Innovation(NamedTuple):
-    """The difference of one measurement from its prediction.
+    """The difference of one measurement from its prediction."""
 
-    Attributes:
-        name: name of the measurement, or of one load cell that was refused.
-        value: measured less predicted before it, linearised about the estimate, (m,).
-        covariance: expected covariance of the value, linearised about the estimate, (m, m).
-        normalised_square: square of the value by the covariance; chi-square if noise is right.
-        is_accepted: whether the measurement was used.
-    """
-
-    name: str
-    value: FloatArray
+    name: str  #: name of the measurement, or of one load cell that was refused
+    value: FloatArray  #: measured less predicted before it, linearised about the estimate, (m,)
+    #: expected covariance of the value, linearised about the estimate, (m, m)
     covariance: FloatArray
+    #: square of the value by the covariance; chi-square if noise is right
     normalised_square: float
-    is_accepted: bool
+    is_accepted: bool  #: whether the measurement was used
 
 
 @dataclass
 class Consistency:
-    """Statistics of the innovations of one kind of measurement.
+    """Statistics of the innovations of one kind of measurement."""
 
-    Attributes:
-        accepted: number of accepted measurements.
-        refused: number of measurements that the gate refused.
-        square: sum of their normalised squares; chi-square of `size` degrees if noise is right.
-        size: number of numbers in the accepted ones.
-        recent: normalised square and size of the newest accepted ones.
-        refused_from: stamp of the first refused one [ns]; None if there is none.
-        refused_to: stamp of the last refused one [ns]; None if there is none.
-    """
-
-    accepted: int = 0
-    refused: int = 0
+    accepted: int = 0  #: number of accepted measurements
+    refused: int = 0  #: number of measurements that the gate refused
+    #: sum of their normalised squares; chi-square of `size` degrees if noise is right
     square: float = 0.0
-    size: int = 0
+    size: int = 0  #: number of numbers in the accepted ones
+    #: normalised square and size of the newest accepted ones
     recent: collections.deque[tuple[float, int]] = field(
         default_factory=lambda: collections.deque(maxlen=RECENT)
     )
-    refused_from: int | None = None
-    refused_to: int | None = None
+    refused_from: int | None = None  #: stamp of the first refused one [ns]; None if there is none
+    refused_to: int | None = None  #: stamp of the last refused one [ns]; None if there is none
 
     @property
     def mean(self) -> float:

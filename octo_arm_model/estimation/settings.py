@@ -146,34 +146,22 @@ ESTIMATOR_PARAMETERS = EstimatorParameters.table()
 
 
 class TensionStatistics(NamedTuple):
-    """The statistics of the tensions of a recording; 0 if it does not determine them.
+    """The statistics of the tensions of a recording; 0 if it does not determine them."""
 
-    Attributes:
-        noise: standard deviation of one reading [N].
-        rate: rate of a random walk that follows the tensions [N/s^0.5].
-    """
-
-    noise: float = 0.0
-    rate: float = 0.0
+    noise: float = 0.0  #: standard deviation of one reading [N]
+    rate: float = 0.0  #: rate of a random walk that follows the tensions [N/s^0.5]
 
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """The checked settings of an estimator, with defaults from the arm's description.
+    """The checked settings of an estimator, with defaults from the arm's description."""
 
-    Attributes:
-        unknowns: unknowns of each place of contact, by its name; one if the place is given.
-        tension_stddev: standard deviation of readings of load cells [N].
-        given: all parameters, among them noise and places of other sensors.
-        rules: assumptions about the sensors.
-        notes: values of parameters that were not given, in words.
-    """
-
+    #: unknowns of each place of contact, by its name; one if the place is given
     unknowns: Mapping[str, Unknowns]
-    tension_stddev: float
-    given: EstimatorParameters
-    rules: Rules
-    notes: tuple[str, ...]
+    tension_stddev: float  #: standard deviation of readings of load cells [N]
+    given: EstimatorParameters  #: all parameters, among them noise and places of other sensors
+    rules: Rules  #: assumptions about the sensors
+    notes: tuple[str, ...]  #: values of parameters that were not given, in words
 
     @classmethod
     def from_parameters(

@@ -28,17 +28,13 @@ _FINE = 256  # pieces of the quadrature of `facing_area`
 class Walk:
     """The prior of a quantity in time: a random walk, or a Gauss-Markov process.
 
-    Attributes:
-        stddev: standard deviation at the start, about zero, > 0 [unit of the quantity].
-        rate: standard deviation of the random change in a second, >= 0 [unit/s^0.5].
-        correlation_time: time in which the mean decays by e, > 0 [s]; infinite for a random walk.
-
     Raises:
         MeasurementError: if a value is outside its range.
     """
 
-    stddev: float
-    rate: float = 0.0
+    stddev: float  #: standard deviation at the start, about zero, > 0 [unit of the quantity]
+    rate: float = 0.0  #: standard deviation of the random change in a second, >= 0 [unit/s^0.5]
+    #: time in which the mean decays by e, > 0 [s]; infinite for a random walk
     correlation_time: float = math.inf
 
     def __post_init__(self) -> None:
@@ -62,42 +58,32 @@ class Walk:
 
 @dataclass(frozen=True)
 class PointForce:
-    """An unknown force on a cross section.
+    """An unknown force on a cross section."""
 
-    Attributes:
-        s: arc coordinate of the cross section [m].
-        force: prior of each component of the force in base_frame [N].
-    """
-
-    s: float
-    force: Walk
+    s: float  #: arc coordinate of the cross section [m]
+    force: Walk  #: prior of each component of the force in base_frame [N]
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """The priors of the estimated quantities; a quantity whose prior is None is zero.
+    """The priors of the estimated quantities; a quantity whose prior is None is zero."""
 
-    Attributes:
-        tension: true tension of every tendon, one prior for all or one for each [N].
-        tension_bias: constant error of every load cell, shown less true tension [N].
-        tip_force: each component of an external force on the tip, in base_frame [N].
-        tip_moment: each component of an external moment on the tip, in base_frame [N m].
-        point_forces: external forces on given cross sections.
-        current: each component of the pressure of a uniform current [Pa]: a dead force per
-            reference length, pressure times diameter, whatever the inclination of the arm.
-        log_modulus: logarithm of E over that of the arm's description [-].
-        tension_loss: logarithm of the tension of every tendon at the base over the constant
-            tension along the arm that has the same effect [-]. Friction makes the latter less
-            where a tendon is drawn in and more where it is let out.
-    """
-
+    #: true tension of every tendon, one prior for all or one for each [N]
     tension: Walk | tuple[Walk, ...]
+    #: constant error of every load cell, shown less true tension [N]
     tension_bias: Walk | None = None
+    #: each component of an external force on the tip, in base_frame [N]
     tip_force: Walk | None = None
+    #: each component of an external moment on the tip, in base_frame [N m]
     tip_moment: Walk | None = None
-    point_forces: tuple[PointForce, ...] = ()
+    point_forces: tuple[PointForce, ...] = ()  #: external forces on given cross sections
+    #: each component of the pressure of a uniform current [Pa]: a dead force per reference length,
+    #: pressure times diameter, whatever the inclination of the arm
     current: Walk | None = None
-    log_modulus: Walk | None = None
+    log_modulus: Walk | None = None  #: logarithm of E over that of the arm's description [-]
+    #: logarithm of the tension of every tendon at the base over the constant tension along the arm
+    #: that has the same effect [-]. Friction makes the latter less where a tendon is drawn in and
+    #: more where it is let out.
     tension_loss: Walk | None = None
 
 

@@ -162,16 +162,11 @@ def _residual(
 
 @dataclass(frozen=True)
 class CameraErrors:
-    """Distances between midlines and shapes with and without the estimator, each (frames,) [m].
+    """Distances between midlines and shapes with and without the estimator, each (frames,) [m]."""
 
-    Attributes:
-        time: times of the compared frames [s].
-        tip: distances of the tip, with the estimator and without it.
-        mean: mean distances of the midline, with the estimator and without it; NaN for tips.
-    """
-
-    time: FloatArray
-    tip: tuple[FloatArray, FloatArray]
+    time: FloatArray  #: times of the compared frames [s]
+    tip: tuple[FloatArray, FloatArray]  #: distances of the tip, with the estimator and without it
+    #: mean distances of the midline, with the estimator and without it; NaN for tips
     mean: tuple[FloatArray, FloatArray]
 
 

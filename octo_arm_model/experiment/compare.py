@@ -32,28 +32,19 @@ _TIP = 1e-3  # distance over the length within which a marker counts as at the t
 
 @dataclass(frozen=True)
 class StepComparison:
-    """One step: the measurement, the solution and their distance.
+    """One step: the measurement, the solution and their distance."""
 
-    Attributes:
-        number: number of the step, from 1.
-        shape: the measurement.
-        measured: measured midline in base_frame (m, 3) [m].
-        backbone: the solution of the model.
-        errors: distances between the two.
-        away: measured points minus those of the model that they are paired with, (m, 3) [m].
-        direction: side from which its tensions were reached, of `steady_windows.directions`.
-        bend: signed error of the tip along its path as tensions rise, > 0 if the arm bends farther
-            than the model [m]; NaN if no tendon is pulled, the tip was not measured, friction
-            leaves the direction open, or the arm moves.
-    """
-
-    number: int
+    number: int  #: number of the step, from 1
     shape: MeasuredShape
-    measured: FloatArray
-    backbone: Backbone
-    errors: MidlineErrors
+    measured: FloatArray  #: measured midline in base_frame (m, 3) [m]
+    backbone: Backbone  #: the solution of the model
+    errors: MidlineErrors  #: distances between the two
+    #: measured points minus those of the model that they are paired with, (m, 3) [m]
     away: FloatArray
-    direction: str
+    direction: str  #: side from which its tensions were reached, of `steady_windows.directions`
+    #: signed error of the tip along its path as tensions rise, > 0 if the arm bends farther than
+    #: the model [m]; NaN if no tendon is pulled, the tip was not measured, friction leaves the
+    #: direction open, or the arm moves
     bend: float
 
     @property
@@ -68,25 +59,15 @@ class StepComparison:
 
 @dataclass(frozen=True)
 class ModelComparison:
-    """All steps of one model.
+    """All steps of one model."""
 
-    Attributes:
-        model: name of the model.
-        length: length of the arm [m].
-        alignment: transform camera to base.
-        steps: the steps with a solution.
-        refused: errors of the steps without one.
-        notes: remarks on a fitted alignment, and on loading and unloading.
-        moves: whether steps are moments of a motion.
-    """
-
-    model: str
-    length: float
-    alignment: Pose
-    steps: tuple[StepComparison, ...]
-    refused: tuple[str, ...]
-    notes: tuple[str, ...]
-    moves: bool = False
+    model: str  #: name of the model
+    length: float  #: length of the arm [m]
+    alignment: Pose  #: transform camera to base
+    steps: tuple[StepComparison, ...]  #: the steps with a solution
+    refused: tuple[str, ...]  #: errors of the steps without one
+    notes: tuple[str, ...]  #: remarks on a fitted alignment, and on loading and unloading
+    moves: bool = False  #: whether steps are moments of a motion
 
     def percent(self, name: str) -> FloatArray:
         """Return the errors ``name`` of all steps in per cent of the length; NaN if unknown."""

@@ -27,22 +27,17 @@ _POINT = re.compile(r'^x_?[0-9]{1,6}$')
 
 @dataclass(frozen=True)
 class CsvSources:
-    """CSV files that replace topics of a bag.
+    """CSV files that replace topics of a bag."""
 
-    Attributes:
-        tensions: file of the tensions; None for those in the bag.
-        midlines: file of the measured points; None for those in the bag.
-        displacements: file of encoder readings; None for those in the bag, if it has any.
-        columns: column of each quantity, as for `read_csv`; a prefix of `KINDS`, as in
-            midline:time, restricts an entry to one file.
-        is_poses: whether one file has tensions or encoder readings together with midlines: each
-            row is a static pose, with or without a time.
-    """
-
-    tensions: Path | None = None
-    midlines: Path | None = None
+    tensions: Path | None = None  #: file of the tensions; None for those in the bag
+    midlines: Path | None = None  #: file of the measured points; None for those in the bag
+    #: file of encoder readings; None for those in the bag, if it has any
     displacements: Path | None = None
+    #: column of each quantity, as for `read_csv`; a prefix of `KINDS`, as in midline:time,
+    #: restricts an entry to one file
     columns: Mapping[str, str] = field(default_factory=dict)
+    #: whether one file has tensions or encoder readings together with midlines: each row is a
+    #: static pose, with or without a time
     is_poses: bool = False
 
     def columns_of(self, kind: str) -> dict[str, str]:

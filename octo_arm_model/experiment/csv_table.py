@@ -71,25 +71,17 @@ class _Column(NamedTuple):
 
 @dataclass(frozen=True)
 class CsvTable:
-    """The columns of a CSV file, as texts.
+    """The columns of a CSV file, as texts."""
 
-    Attributes:
-        path: path of the file.
-        columns: name and unit of each column, '' if the header has none, and its cells.
-        lines: line number of each row.
-        given: for quantities in a column of another name: that name, #N for the N-th column, or a
-            constant.
-        has_time: whether rows have a time; otherwise they are poses a second apart.
-        wanted: names of all quantities that were looked up.
-        taken: the quantities among them that were found as ``given``.
-    """
-
-    path: Path
+    path: Path  #: path of the file
+    #: name and unit of each column, '' if the header has none, and its cells
     columns: tuple[_Column, ...]
-    lines: tuple[int, ...]
+    lines: tuple[int, ...]  #: line number of each row
+    #: for quantities in a column of another name: that name, #N for the N-th column, or a constant
     given: Mapping[str, str]
-    has_time: bool = True
-    wanted: set[str] = field(default_factory=set)
+    has_time: bool = True  #: whether rows have a time; otherwise they are poses a second apart
+    wanted: set[str] = field(default_factory=set)  #: names of all quantities that were looked up
+    #: the quantities among them that were found as ``given``
     taken: set[str] = field(default_factory=set)
 
     def find(self, name: str) -> _Column | None:

@@ -74,31 +74,19 @@ _NONE = Contact(np.nan, np.full(6, np.nan), np.full((6, 6), np.nan))
 
 
 class Moment(NamedTuple):
-    """Tip, contact and their standard deviations at one time.
+    """Tip, contact and their standard deviations at one time."""
 
-    Attributes:
-        stamp_ns: stamp of the measurements [ns].
-        received_ns: time when the recorder had received all of them [ns].
-        time: time from the start of the recording [s].
-        tip: position of the tip (3,) [m].
-        tip_stddev: its standard deviations (3,) [m].
-        s: arc coordinate of the contact [m]; NaN for a current, and without contact.
-        wrench: wrench of the contact (6,) [N, N m]; NaN without contact.
-        wrench_stddev: its standard deviations (6,); zero for components that are not estimated.
-        hypothesis: name of the hypothesis of the estimate.
-        is_significant: whether the force is larger than its uncertainty explains.
-    """
-
-    stamp_ns: int
-    received_ns: int
-    time: float
-    tip: FloatArray
-    tip_stddev: FloatArray
-    s: float
-    wrench: FloatArray
+    stamp_ns: int  #: stamp of the measurements [ns]
+    received_ns: int  #: time when the recorder had received all of them [ns]
+    time: float  #: time from the start of the recording [s]
+    tip: FloatArray  #: position of the tip (3,) [m]
+    tip_stddev: FloatArray  #: its standard deviations (3,) [m]
+    s: float  #: arc coordinate of the contact [m]; NaN for a current, and without contact
+    wrench: FloatArray  #: wrench of the contact (6,) [N, N m]; NaN without contact
+    #: its standard deviations (6,); zero for components that are not estimated
     wrench_stddev: FloatArray
-    hypothesis: str
-    is_significant: bool
+    hypothesis: str  #: name of the hypothesis of the estimate
+    is_significant: bool  #: whether the force is larger than its uncertainty explains
 
 
 Output = Callable[[Moment, EstimatorOutput], None]  # takes one estimate, as to write it
@@ -145,21 +133,13 @@ def is_touched(estimate: Estimate) -> bool:
 
 
 class Touch(NamedTuple):
-    """One touch.
+    """One touch."""
 
-    Attributes:
-        start: time of its start [s].
-        stop: time of its end [s].
-        force: median of the force in base_frame, (3,) [N].
-        stddev: median of its standard deviations, (3,) [N].
-        hypothesis: most frequent hypothesis of its estimates.
-    """
-
-    start: float
-    stop: float
-    force: FloatArray
-    stddev: FloatArray
-    hypothesis: str
+    start: float  #: time of its start [s]
+    stop: float  #: time of its end [s]
+    force: FloatArray  #: median of the force in base_frame, (3,) [N]
+    stddev: FloatArray  #: median of its standard deviations, (3,) [N]
+    hypothesis: str  #: most frequent hypothesis of its estimates
 
 
 def _find_touches(moments: Sequence[Moment]) -> list[Touch]:
@@ -187,30 +167,19 @@ def _touch(moments: Sequence[Moment]) -> Touch:
 
 @dataclass(frozen=True)
 class Result:
-    """The estimates of a recording, in summary.
-
-    Attributes:
-        recorded: the recording.
-        moments: tip and contact at each time.
-        touches: intervals in which the arm was touched.
-        consistency: consistency of each kind of measurement, by its name.
-        failures: counts of times without an estimate, by the reason.
-        unobserved: directions of the state that no measurement depended on at the end, in words.
-        camera: errors against a camera, or None.
-        hypotheses: mean probability of each hypothesis.
-        restarts: times at which the estimate was reset [s].
-        suspects: times [s] at which one of several sensors may be wrong, by their names.
-    """
+    """The estimates of a recording, in summary."""
 
     recorded: SensorRecording
-    moments: Sequence[Moment]
-    touches: Sequence[Touch]
-    consistency: Mapping[str, Consistency]
-    failures: Refusals
+    moments: Sequence[Moment]  #: tip and contact at each time
+    touches: Sequence[Touch]  #: intervals in which the arm was touched
+    consistency: Mapping[str, Consistency]  #: consistency of each kind of measurement, by its name
+    failures: Refusals  #: counts of times without an estimate, by the reason
+    #: directions of the state that no measurement depended on at the end, in words
     unobserved: Sequence[str]
-    camera: CameraErrors | None
-    hypotheses: Mapping[str, float]
-    restarts: Sequence[float]
+    camera: CameraErrors | None  #: errors against a camera, or None
+    hypotheses: Mapping[str, float]  #: mean probability of each hypothesis
+    restarts: Sequence[float]  #: times at which the estimate was reset [s]
+    #: times [s] at which one of several sensors may be wrong, by their names
     suspects: Mapping[tuple[str, ...], Sequence[float]]
 
 

@@ -52,18 +52,12 @@ _NO_ANSWER = (SolveError, TensionError, ArmDefinitionError)
 
 
 class SolvedSteps(NamedTuple):
-    """The steps at one x.
+    """The steps at one x."""
 
-    Attributes:
-        solver: the solver of the arm.
-        solutions: a solution for each step.
-        curves: their shapes.
-        lengths: lengths reeled in (tendons,) [m], if encoder readings are residuals.
-    """
-
-    solver: Solver
-    solutions: tuple[Backbone | Wound, ...]
-    curves: tuple[Curve, ...] = ()
+    solver: Solver  #: the solver of the arm
+    solutions: tuple[Backbone | Wound, ...]  #: a solution for each step
+    curves: tuple[Curve, ...] = ()  #: their shapes
+    #: lengths reeled in (tendons,) [m], if encoder readings are residuals
     lengths: tuple[FloatArray, ...] = ()
 
     @property

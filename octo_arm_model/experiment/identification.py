@@ -22,47 +22,36 @@ from octo_arm_model.experiment.unknowns import ALIGNMENT, Unknowns, is_of_arm
 
 @dataclass(frozen=True)
 class Identification:
-    """A fitted model.
+    """A fitted model."""
 
-    Attributes:
-        model: name of the model.
-        loss: loss that was minimised, of `fit.LOSSES`.
-        estimates: estimates by name; one that the data leave open has no value.
-        undetermined: reasons why the others keep their values, in words.
-        before: misfit of the parameters that the fit started with.
-        parameters: parameters of the fitted arm, as for `Config.from_parameters`.
-        alignment: transform camera to base.
-        tensions: tensions of each step by the fitted load cells or, without load cells, by the
-            lengths that winches reeled in, (steps, tendons) [N].
-        correlations: correlations of the estimates with a value, (n, n), in their order, or None.
-        notes: remarks, in words.
-        after: misfit of the fit, on the data it was fitted to; None if nothing is fitted.
-        cross_validation: misfit at loads left out of the fit; None for fewer than two loads.
-        step_misfits: numbers of the steps of each left-out fold, from 1, and its misfit.
-        floor: distance at left-out loads that neither noise nor a change at single steps explains,
-            contained in `Estimate.model_stddev` [m]; None if no load was left out.
-        tip_stddev: standard deviation of each coordinate of the tip at left-out loads, without the
-            camera's noise, over the length [-]; None if no load was left out.
-        shapes: the measurements that it is fitted to.
-        trajectory: tensions along which the arm moves; None for equilibria.
-    """
-
-    model: str
-    loss: str
+    model: str  #: name of the model
+    loss: str  #: loss that was minimised, of `fit.LOSSES`
+    #: estimates by name; one that the data leave open has no value
     estimates: Mapping[str, Estimate]
-    before: Misfit
-    parameters: Mapping[str, Any]
-    alignment: Pose
+    before: Misfit  #: misfit of the parameters that the fit started with
+    parameters: Mapping[str, Any]  #: parameters of the fitted arm, as for `Config.from_parameters`
+    alignment: Pose  #: transform camera to base
+    #: tensions of each step by the fitted load cells or, without load cells, by the lengths that
+    #: winches reeled in, (steps, tendons) [N]
     tensions: FloatArray
-    undetermined: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()  #: reasons why the others keep their values, in words
+    #: correlations of the estimates with a value, (n, n), in their order, or None
     correlations: FloatArray | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: remarks, in words
+    #: misfit of the fit, on the data it was fitted to; None if nothing is fitted
     after: Misfit | None = None
+    #: misfit at loads left out of the fit; None for fewer than two loads
     cross_validation: Misfit | None = None
+    #: numbers of the steps of each left-out fold, from 1, and its misfit
     step_misfits: tuple[tuple[tuple[int, ...], Misfit], ...] = ()
+    #: distance at left-out loads that neither noise nor a change at single steps explains,
+    #: contained in `Estimate.model_stddev` [m]; None if no load was left out
     floor: float | None = None
+    #: standard deviation of each coordinate of the tip at left-out loads, without the camera's
+    #: noise, over the length [-]; None if no load was left out
     tip_stddev: float | None = None
-    shapes: tuple[MeasuredShape, ...] = ()
+    shapes: tuple[MeasuredShape, ...] = ()  #: the measurements that it is fitted to
+    #: tensions along which the arm moves; None for equilibria
     trajectory: TensionTrajectory | None = None
 
     @property

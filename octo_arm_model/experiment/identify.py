@@ -35,21 +35,14 @@ _ALIKE = 0.7  # correlation of neighbouring residuals above which the model is w
 
 
 class _Fit(NamedTuple):
-    """A fit by one loss, and what it would be without some loads.
-
-    Attributes:
-        loss: the loss.
-        x: the fit (n,).
-        scale: scale of the loss [m]; None for the plain sum of squares.
-        without: fits without each fold of loads (folds, n); none if no load can be left out.
-        left_out: residuals of each step (m, 3) by the fit without it [m].
-    """
+    """A fit by one loss, and what it would be without some loads."""
 
     loss: str
-    x: FloatArray
-    scale: float | None
+    x: FloatArray  #: the fit (n,)
+    scale: float | None  #: scale of the loss [m]; None for the plain sum of squares
+    #: fits without each fold of loads (folds, n); none if no load can be left out
     without: FloatArray = np.zeros((0, 0))
-    left_out: Sequence[FloatArray] = ()
+    left_out: Sequence[FloatArray] = ()  #: residuals of each step (m, 3) by the fit without it [m]
 
     @property
     def left_out_misfit(self) -> float:

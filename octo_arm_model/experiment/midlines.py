@@ -129,18 +129,12 @@ class MidlineErrors(NamedTuple):
     also the other way, from the start of the midline on. A tip alone has only ``tip``. Distances
     of markers are those to the points of the model at their arc coordinates; there is no Hausdorff
     distance, and a tip only if a marker is there. What is not measured is NaN.
-
-    Attributes:
-        tip: from tip to tip [m].
-        mean: mean distance [m].
-        max: largest distance [m].
-        hausdorff: largest distance either way [m].
     """
 
-    tip: float
-    mean: float = np.nan
-    max: float = np.nan
-    hausdorff: float = np.nan
+    tip: float  #: from tip to tip [m]
+    mean: float = np.nan  #: mean distance [m]
+    max: float = np.nan  #: largest distance [m]
+    hausdorff: float = np.nan  #: largest distance either way [m]
 
 
 def midline_errors(measured: FloatArray, model: Curve) -> MidlineErrors:

@@ -22,17 +22,11 @@ _SWINGS = 1e-3  # least distance of a swing from the equilibria, over the length
 
 
 class TensionTrajectory(NamedTuple):
-    """Tensions over time, along which an arm moves.
+    """Tensions over time, along which an arm moves."""
 
-    Attributes:
-        time: ascending times (n,) [s].
-        tensions: tensions at these times (n, tendons) [N].
-        step: step of the integration [s].
-    """
-
-    time: FloatArray
-    tensions: FloatArray
-    step: float
+    time: FloatArray  #: ascending times (n,) [s]
+    tensions: FloatArray  #: tensions at these times (n, tendons) [N]
+    step: float  #: step of the integration [s]
 
 
 def moving_shapes(

@@ -51,25 +51,17 @@ _APART = '--clock-offset is added to stamps of frames'
 
 @dataclass(frozen=True)
 class MeasuredShape:
-    """Measured shape of one steady step.
+    """Measured shape of one steady step."""
 
-    Attributes:
-        window: interval of the step, with its tensions.
-        points: mean midline from base to tip in the camera's frame, evenly along its length
-            (`POINTS`, 3), or the tip (1, 3) [m].
-        frames: number of frames in the mean.
-        outliers: number of frames left out.
-        noise: root mean square distance of a frame from the mean [m]; 0 for one frame.
-        lines: the midlines of all frames, including outliers.
-        s: arc coordinates of ``points`` if they are markers [m]; None for a midline.
-    """
-
-    window: Window
+    window: Window  #: interval of the step, with its tensions
+    #: mean midline from base to tip in the camera's frame, evenly along its length (`POINTS`, 3),
+    #: or the tip (1, 3) [m]
     points: FloatArray
-    frames: int
-    outliers: int
-    noise: float
-    lines: tuple[FloatArray, ...] = ()
+    frames: int  #: number of frames in the mean
+    outliers: int  #: number of frames left out
+    noise: float  #: root mean square distance of a frame from the mean [m]; 0 for one frame
+    lines: tuple[FloatArray, ...] = ()  #: the midlines of all frames, including outliers
+    #: arc coordinates of ``points`` if they are markers [m]; None for a midline
     s: FloatArray | None = None
 
     @property
@@ -125,40 +117,29 @@ def mean_shape(
 
 @dataclass(frozen=True)
 class Pairing:
-    """Rules that pair frames with tensions.
+    """Rules that pair frames with tensions."""
 
-    Attributes:
-        steady: rule for steady tensions.
-        tolerance: tolerance of stamps: a frame needs a sample of tensions within this time, and
-            lies at least that far inside its window [s].
-        offset: offset added to the stamps of frames [s]; None to find it from the motion.
-        base_end: 'first' or 'last' point of the midlines; None for the one that moves less.
-        kind: kind of the recording: `STEPS`, a `RAMP` of slowly changing tensions, a table of
-            `POSES`, or `MOMENTS` of a motion.
-        ramp_width: width of the windows of a ramp [N]; None for the default.
-    """
-
-    steady: SteadyRule = field(default_factory=SteadyRule)
+    steady: SteadyRule = field(default_factory=SteadyRule)  #: rule for steady tensions
+    #: tolerance of stamps: a frame needs a sample of tensions within this time, and lies at least
+    #: that far inside its window [s]
     tolerance: float = 0.1
+    #: offset added to the stamps of frames [s]; None to find it from the motion
     offset: float | None = None
+    #: 'first' or 'last' point of the midlines; None for the one that moves less
     base_end: str | None = None
+    #: kind of the recording: `STEPS`, a `RAMP` of slowly changing tensions, a table of `POSES`, or
+    #: `MOMENTS` of a motion
     kind: str = STEPS
-    ramp_width: float | None = None
+    ramp_width: float | None = None  #: width of the windows of a ramp [N]; None for the default
 
 
 @dataclass(frozen=True)
 class Observations:
-    """The shapes of a recording.
+    """The shapes of a recording."""
 
-    Attributes:
-        shapes: a shape for each steady step with frames.
-        offset: offset added to the stamps of frames [s].
-        notes: the decisions made, in words.
-    """
-
-    shapes: tuple[MeasuredShape, ...]
-    offset: float
-    notes: tuple[str, ...]
+    shapes: tuple[MeasuredShape, ...]  #: a shape for each steady step with frames
+    offset: float  #: offset added to the stamps of frames [s]
+    notes: tuple[str, ...]  #: the decisions made, in words
 
 
 def observe(

@@ -25,24 +25,20 @@ _OF_TIPS = 4.0  # largest distance of tips and markers in a recording, over the 
 
 @dataclass(frozen=True)
 class MarkerSources:
-    """Sources and unit of measured points, and the markers among them.
+    """Sources and unit of measured points, and the markers among them."""
 
-    Attributes:
-        sources: topics, or TOPIC:FIELD; empty for the only such topic. Several topics have one
-            marker each or, with ``marker_frames``, transforms of TF, by default all of that type.
-        marker_s: arc coordinate of each marker, increasing [m]; empty for midlines and tips.
-        marker_frames: names of the frames of the markers in TF, in the order of ``marker_s``.
-        unit: unit of all lengths, of `LENGTH_UNITS`.
-        marker_names: names of the markers in a message or a table, or their numbers from 0 on in a
-            message, in the order of ``marker_s``; empty for all markers in their order.
-        is_aligned: whether the pose of their frame is given or fitted, whatever TF says of it.
-    """
-
+    #: topics, or TOPIC:FIELD; empty for the only such topic. Several topics have one marker each
+    #: or, with ``marker_frames``, transforms of TF, by default all of that type.
     sources: tuple[str, ...] = ()
+    #: arc coordinate of each marker, increasing [m]; empty for midlines and tips
     marker_s: tuple[float, ...] = ()
+    #: names of the frames of the markers in TF, in the order of ``marker_s``
     marker_frames: tuple[str, ...] = ()
-    unit: str = 'm'
+    unit: str = 'm'  #: unit of all lengths, of `LENGTH_UNITS`
+    #: names of the markers in a message or a table, or their numbers from 0 on in a message, in
+    #: the order of ``marker_s``; empty for all markers in their order
     marker_names: tuple[str, ...] = ()
+    #: whether the pose of their frame is given or fitted, whatever TF says of it
     is_aligned: bool = False
 
     def __post_init__(self) -> None:
@@ -206,36 +202,27 @@ class Count:
 
 @dataclass(frozen=True)
 class Recording:
-    """Tensions, encoder readings and measured midlines with their stamps, in order of time.
+    """Tensions, encoder readings and measured midlines with their stamps, in order of time."""
 
-    Attributes:
-        parameters: parameters of the arm, as for `Config.from_parameters`.
-        tension_time: stamp of each set of tensions (n,) [s], from the first of those or of the
-            encoder readings on.
-        tensions: tensions (n, tendons) [N]; empty without load cells.
-        frame_time: stamp of each midline, on the same scale, (f,) [s].
-        frames: measured midlines, each (m, 3) [m]; tips are (1, 3). Frames of markers have a point
-            for each of ``marker_s``, NaN for one that is not visible.
-        frame_id: frame of the measured points.
-        notes: remarks.
-        marker_s: arc coordinate of each marker [m]; None for midlines and tips.
-        refusals: counts of the messages left out, by topic and reason.
-        displacement_time: stamp of each set of encoder readings, on the scale of tensions, (e,)
-            [s].
-        displacements: lengths reeled in by the winches, as their encoders read them, (e, tendons)
-            [m]; NaN for tendons without.
-    """
-
-    parameters: dict[str, Any]
+    parameters: dict[str, Any]  #: parameters of the arm, as for `Config.from_parameters`
+    #: stamp of each set of tensions (n,) [s], from the first of those or of the encoder readings
+    #: on
     tension_time: FloatArray
-    tensions: FloatArray
-    frame_time: FloatArray
+    tensions: FloatArray  #: tensions (n, tendons) [N]; empty without load cells
+    frame_time: FloatArray  #: stamp of each midline, on the same scale, (f,) [s]
+    #: measured midlines, each (m, 3) [m]; tips are (1, 3). Frames of markers have a point for each
+    #: of ``marker_s``, NaN for one that is not visible.
     frames: tuple[FloatArray, ...]
-    frame_id: str
-    notes: tuple[str, ...] = ()
+    frame_id: str  #: frame of the measured points
+    notes: tuple[str, ...] = ()  #: remarks
+    #: arc coordinate of each marker [m]; None for midlines and tips
     marker_s: FloatArray | None = None
+    #: counts of the messages left out, by topic and reason
     refusals: Refusals = field(default_factory=Refusals)
+    #: stamp of each set of encoder readings, on the scale of tensions, (e,) [s]
     displacement_time: FloatArray = field(default_factory=lambda: np.zeros(0))
+    #: lengths reeled in by the winches, as their encoders read them, (e, tendons) [m]; NaN for
+    #: tendons without
     displacements: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
@@ -261,19 +248,14 @@ class Recording:
 
 @dataclass
 class StampedRows:
-    """Sets of tensions or of encoder readings, or frames of measured points, and their stamps.
+    """Sets of tensions or of encoder readings, or frames of measured points, and their stamps."""
 
-    Attributes:
-        source: topic or file.
-        stamps: stamps [ns].
-        rows: values by tendon (tendons,) [N] or [m], or points (m, 3) [m], NaN for markers that
-            are not visible.
-        received: times at which the recorder received them [ns], of readings in a bag.
-    """
-
-    source: str
-    stamps: list[int] = field(default_factory=list)
+    source: str  #: topic or file
+    stamps: list[int] = field(default_factory=list)  #: stamps [ns]
+    #: values by tendon (tendons,) [N] or [m], or points (m, 3) [m], NaN for markers that are not
+    #: visible
     rows: list[FloatArray] = field(default_factory=list)
+    #: times at which the recorder received them [ns], of readings in a bag
     received: list[int] = field(default_factory=list)
 
     def add(self, stamp_ns: int, row: FloatArray) -> None:

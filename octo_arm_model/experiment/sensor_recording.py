@@ -53,72 +53,45 @@ _TIMES = 3.0  # standard deviations that the largest change of a tension may be
 
 @dataclass(frozen=True)
 class Sources:
-    """The topics and parameters of a recording.
+    """The topics and parameters of a recording."""
 
-    Attributes:
-        tensions: topic of the tensions, as for `find_sensors`.
-        others: topics of other measurements, by their names in `MEASUREMENT_TOPICS`.
-        midlines: topic of the camera; None for the usual one.
-        parameters: parameters of the arm and the estimator; None for the bag's description.
-        values: parameters that replace those.
-        calibration: parameters of load cells and encoders that replace those of the arm.
-        alignment: pose of frames other than base_frame; None if it is not known.
-        clock_offset: offset added to the stamps of the camera [s]; None to find it.
-        marker_names: names of the markers, as for `find_sensors`.
-    """
-
-    tensions: str | None = None
+    tensions: str | None = None  #: topic of the tensions, as for `find_sensors`
+    #: topics of other measurements, by their names in `MEASUREMENT_TOPICS`
     others: Mapping[str, str | None] = field(default_factory=dict)
-    midlines: str | None = None
+    midlines: str | None = None  #: topic of the camera; None for the usual one
+    #: parameters of the arm and the estimator; None for the bag's description
     parameters: Mapping[str, Any] | None = None
-    values: Mapping[str, Any] = field(default_factory=dict)
+    values: Mapping[str, Any] = field(default_factory=dict)  #: parameters that replace those
+    #: parameters of load cells and encoders that replace those of the arm
     calibration: Mapping[str, Any] = field(default_factory=dict)
-    alignment: Pose | None = None
+    alignment: Pose | None = None  #: pose of frames other than base_frame; None if it is not known
+    #: offset added to the stamps of the camera [s]; None to find it
     clock_offset: float | None = None
-    marker_names: tuple[str, ...] = ()
+    marker_names: tuple[str, ...] = ()  #: names of the markers, as for `find_sensors`
 
 
 class StampedMeasurement(NamedTuple):
-    """A measurement with its stamp and its time of receipt.
+    """A measurement with its stamp and its time of receipt."""
 
-    Attributes:
-        stamp_ns: time of the measurement [ns].
-        received_ns: time at which the recorder received it [ns].
-        measurement: the measurement.
-    """
-
-    stamp_ns: int
-    received_ns: int
+    stamp_ns: int  #: time of the measurement [ns]
+    received_ns: int  #: time at which the recorder received it [ns]
     measurement: Measurement
 
 
 @dataclass(frozen=True)
 class SensorRecording:
-    """The input of an estimator from a recording.
+    """The input of an estimator from a recording."""
 
-    Attributes:
-        parameters: parameters of the arm.
-        config: the configuration that they describe.
-        sensors: topics that are read.
-        settings: settings of the estimator.
-        models: models of its hypotheses.
-        groups: measurements, grouped by their stamps.
-        origin_ns: stamp that times count from [ns].
-        camera: comparison of the estimates with a camera, or None.
-        refusals: counts of the messages left out.
-        notes: decisions made, in words.
-    """
-
-    parameters: Mapping[str, Any]
-    config: Config
-    sensors: SensorTopics
-    settings: EstimatorSettings
-    models: Mapping[str, ArmModel]
-    groups: Sequence[Sequence[StampedMeasurement]]
-    origin_ns: int
-    camera: CameraCheck | None
-    refusals: Refusals
-    notes: list[str]
+    parameters: Mapping[str, Any]  #: parameters of the arm
+    config: Config  #: the configuration that they describe
+    sensors: SensorTopics  #: topics that are read
+    settings: EstimatorSettings  #: settings of the estimator
+    models: Mapping[str, ArmModel]  #: models of its hypotheses
+    groups: Sequence[Sequence[StampedMeasurement]]  #: measurements, grouped by their stamps
+    origin_ns: int  #: stamp that times count from [ns]
+    camera: CameraCheck | None  #: comparison of the estimates with a camera, or None
+    refusals: Refusals  #: counts of the messages left out
+    notes: list[str]  #: decisions made, in words
 
 
 def read_sensor_recording(

@@ -30,14 +30,10 @@ _STEP = 1e-4  # step of differences of what acts on tendons, over the scale of a
 
 
 class ShapeChange(NamedTuple):
-    """The change of one step per unit of an unknown.
+    """The change of one step per unit of an unknown."""
 
-    Attributes:
-        position: change of the positions of all stations, (stations, 3).
-        lengths: change of the lengths reeled in, (tendons,); None if they are not residuals.
-    """
-
-    position: FloatArray
+    position: FloatArray  #: change of the positions of all stations, (stations, 3)
+    #: change of the lengths reeled in, (tendons,); None if they are not residuals
     lengths: FloatArray | None
 
 

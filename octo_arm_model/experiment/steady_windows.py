@@ -43,19 +43,15 @@ class SteadyRule:
     tolerance of its median, which excludes ramps, and must last ``duration``; its first ``settle``
     seconds do not count, because the arm is still coming to rest.
 
-    Attributes:
-        tolerance: tolerance [N]; None for the larger of 2 percent of the highest tension and four
-            times the noise, which is estimated from differences of neighbouring samples.
-        duration: least duration of a window [s].
-        settle: time until the arm is at rest [s].
-
     Raises:
         ArmDefinitionError: if a value is impossible.
     """
 
+    #: tolerance [N]; None for the larger of 2 percent of the highest tension and four times the
+    #: noise, which is estimated from differences of neighbouring samples
     tolerance: float | None = None
-    duration: float = 1.0
-    settle: float = 0.5
+    duration: float = 1.0  #: least duration of a window [s]
+    settle: float = 0.5  #: time until the arm is at rest [s]
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -113,24 +109,15 @@ def held_readings(rows: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Window:
-    """An interval of a recording with steady tensions, without its settling time.
+    """An interval of a recording with steady tensions, without its settling time."""
 
-    Attributes:
-        start: time of its start [s].
-        stop: time of its end [s].
-        tensions: mean of each tension (tendons,) [N].
-        noise: standard deviation of each tension (tendons,) [N].
-        displacements: mean reading of each encoder (tendons,) [m], NaN without a reading; None
-            without encoders.
-        is_driven: whether tensions were not read, but follow from ``displacements``.
-    """
-
-    start: float
-    stop: float
-    tensions: FloatArray
-    noise: FloatArray
+    start: float  #: time of its start [s]
+    stop: float  #: time of its end [s]
+    tensions: FloatArray  #: mean of each tension (tendons,) [N]
+    noise: FloatArray  #: standard deviation of each tension (tendons,) [N]
+    #: mean reading of each encoder (tendons,) [m], NaN without a reading; None without encoders
     displacements: FloatArray | None = None
-    is_driven: bool = False
+    is_driven: bool = False  #: whether tensions were not read, but follow from ``displacements``
 
 
 def steady_windows(time: FloatArray, tensions: FloatArray, rule: SteadyRule) -> list[Window]:

@@ -48,33 +48,22 @@ _PART = 0.1
 
 @dataclass(frozen=True)
 class Misfit:
-    """Distance of model and measurement.
+    """Distance of model and measurement."""
 
-    Attributes:
-        rms: root mean square distance of paired points [m].
-        tip_error: mean distance of the tips, relative to the length [-].
-    """
-
-    rms: float
-    tip_error: float
+    rms: float  #: root mean square distance of paired points [m]
+    tip_error: float  #: mean distance of the tips, relative to the length [-]
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate of one parameter.
+    """Estimate of one parameter."""
 
-    Attributes:
-        value: value in ``unit``; None if the data do not determine it.
-        stddev: standard deviation; None if no other step confirms the value.
-        interval95: 95 % confidence interval; None if no other step confirms the value.
-        unit: unit of all numbers.
-        model_stddev: part of ``stddev`` due to the error of the model; None as ``stddev``.
-    """
-
-    value: float | None
-    stddev: float | None
+    value: float | None  #: value in ``unit``; None if the data do not determine it
+    stddev: float | None  #: standard deviation; None if no other step confirms the value
+    #: 95 % confidence interval; None if no other step confirms the value
     interval95: tuple[float, float] | None
-    unit: str
+    unit: str  #: unit of all numbers
+    #: part of ``stddev`` due to the error of the model; None as ``stddev``
     model_stddev: float | None = None
 
 
@@ -195,15 +184,10 @@ def correlations_of(problem: Problem, x: FloatArray) -> FloatArray:
 
 
 class OpenDirection(NamedTuple):
-    """A direction that the data leave open.
+    """A direction that the data leave open."""
 
-    Attributes:
-        name: name of the unknown to leave out, so that the others are determined.
-        reason: description of the direction.
-    """
-
-    name: str
-    reason: str
+    name: str  #: name of the unknown to leave out, so that the others are determined
+    reason: str  #: description of the direction
 
 
 def open_direction(

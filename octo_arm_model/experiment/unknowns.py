@@ -68,26 +68,16 @@ class Scale(Enum):
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number to fit.
+    """One number to fit."""
 
-    Attributes:
-        name: name of the parameter.
-        unit: unit of the parameter.
-        start: initial value of x.
-        scale: a large change of x.
-        low: least value of x.
-        high: largest value of x.
-        kind: meaning of x.
-        reference: value of the parameter at x = 0 of a logarithm, or at x = 1 of an inverse.
-    """
-
-    name: str
-    unit: str
-    start: float
-    scale: float
-    low: float = -math.inf
-    high: float = math.inf
-    kind: Scale = Scale.VALUE
+    name: str  #: name of the parameter
+    unit: str  #: unit of the parameter
+    start: float  #: initial value of x
+    scale: float  #: a large change of x
+    low: float = -math.inf  #: least value of x
+    high: float = math.inf  #: largest value of x
+    kind: Scale = Scale.VALUE  #: meaning of x
+    #: value of the parameter at x = 0 of a logarithm, or at x = 1 of an inverse
     reference: float = 1.0
 
     def value(self, x: float) -> float:
@@ -239,17 +229,11 @@ def is_of_arm(name: str) -> bool:
 
 
 class Readings(NamedTuple):
-    """Readings of the tendons in all steps.
+    """Readings of the tendons in all steps."""
 
-    Attributes:
-        tensions: tensions (steps, tendons) [N].
-        displacements: encoder readings (steps, tendons) [m], NaN without an encoder.
-        are_lengths: whether tensions follow from displacements instead of load cells.
-    """
-
-    tensions: FloatArray
-    displacements: FloatArray
-    are_lengths: bool = False
+    tensions: FloatArray  #: tensions (steps, tendons) [N]
+    displacements: FloatArray  #: encoder readings (steps, tendons) [m], NaN without an encoder
+    are_lengths: bool = False  #: whether tensions follow from displacements instead of load cells
 
     @classmethod
     def of(cls, shapes: Sequence[MeasuredShape]) -> 'Readings':

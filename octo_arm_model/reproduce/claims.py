@@ -24,19 +24,12 @@ Finding = tuple[str, bool]  # the numbers of a model, and whether they agree wit
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper's text.
+    """A claim of the paper's text."""
 
-    Attributes:
-        says: the paper's words.
-        where: their place in the paper.
-        check: description of the computation, and of when the claim holds.
-        judge: returns the finding of a model.
-    """
-
-    says: str
-    where: str
-    check: str
-    judge: Callable[[str], Finding]
+    says: str  #: the paper's words
+    where: str  #: their place in the paper
+    check: str  #: description of the computation, and of when the claim holds
+    judge: Callable[[str], Finding]  #: returns the finding of a model
 
     @functools.cached_property
     def findings(self) -> dict[str, Finding]:

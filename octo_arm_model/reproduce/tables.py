@@ -130,19 +130,12 @@ _FETCHING = {'Figure 14': paper_data.FETCHING_IN_PLANE, 'Figure 15': paper_data.
 
 @dataclass(frozen=True)
 class DataTable:
-    """A table in which all columns but the first are numbers.
+    """A table in which all columns but the first are numbers."""
 
-    Attributes:
-        title: text above the table.
-        header: names of the columns.
-        rows: cells, row by row, as many as the header has in each.
-        note: text below the table.
-    """
-
-    title: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ''
+    title: str  #: text above the table
+    header: tuple[str, ...]  #: names of the columns
+    rows: tuple[tuple[str, ...], ...]  #: cells, row by row, as many as the header has in each
+    note: str = ''  #: text below the table
 
 
 def arms() -> DataTable:

@@ -50,15 +50,10 @@ NONE = Contacts(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 3)))  # contact with
 
 
 class NodeMotion(NamedTuple):
-    """The motion of the nodes of an arm.
+    """The motion of the nodes of an arm."""
 
-    Attributes:
-        velocity: velocity of the nodes [m/s], (N, 3).
-        spin: matrix from a vector in the section to its velocity [1/s], (N, 3, 3).
-    """
-
-    velocity: FloatArray
-    spin: FloatArray
+    velocity: FloatArray  #: velocity of the nodes [m/s], (N, 3)
+    spin: FloatArray  #: matrix from a vector in the section to its velocity [1/s], (N, 3, 3)
 
 
 class _Touch(NamedTuple):

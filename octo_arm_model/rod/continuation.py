@@ -29,23 +29,16 @@ _LEAST_DENOMINATOR = 0.2  # in Broyden's update
 
 
 class Rule(NamedTuple):
-    """The rules for the steps of a search; ratios are of a residual after to before a step.
+    """The rules for the steps of a search; ratios are of a residual after to before a step."""
 
-    Attributes:
-        iterations: largest number of steps.
-        again: ratio up to which the next step takes the same factors.
-        predicted: largest ratio of the first step if its factors are those of another state.
-        first: largest ratio of the first step by factors of its state.
-        progress: largest ratio of every other step.
-        shortest: least fraction of a step by factors of its state to which the step is shortened
-            while it raises the residual.
-    """
-
-    iterations: int = 15
-    again: float = 0.2
+    iterations: int = 15  #: largest number of steps
+    again: float = 0.2  #: ratio up to which the next step takes the same factors
+    #: largest ratio of the first step if its factors are those of another state
     predicted: float = 0.3
-    first: float = 3.0
-    progress: float = 0.7
+    first: float = 3.0  #: largest ratio of the first step by factors of its state
+    progress: float = 0.7  #: largest ratio of every other step
+    #: least fraction of a step by factors of its state to which the step is shortened while it
+    #: raises the residual
     shortest: float = 1.0
 
 
@@ -57,19 +50,12 @@ TOUCHING = Rule(iterations=40, predicted=0.5, first=1.0, progress=1.0, shortest=
 
 
 class NewtonResult(NamedTuple):
-    """The end of a search for a balance.
+    """The end of a search for a balance."""
 
-    Attributes:
-        state: the last state.
-        factors: the factors that were used last; None if there was no step.
-        iterations: number of steps.
-        corrected: rotation of the arm by the steps after the first [rad].
-    """
-
-    state: State
-    factors: Linear | None
-    iterations: int
-    corrected: float
+    state: State  #: the last state
+    factors: Linear | None  #: the factors that were used last; None if there was no step
+    iterations: int  #: number of steps
+    corrected: float  #: rotation of the arm by the steps after the first [rad]
 
 
 class Chord:
@@ -99,13 +85,9 @@ class Chord:
 
 
 class Equations(Protocol):
-    """The equations of an arm at its nodes: a `Problem`, or one with winches.
+    """The equations of an arm at its nodes: a `Problem`, or one with winches."""
 
-    Attributes:
-        remembered: number of last residuals; the next one has to be less than their largest.
-    """
-
-    remembered: int
+    remembered: int  #: number of last residuals; the next one has to be less than their largest
 
     @property
     def others(self) -> OtherLoads:
@@ -215,19 +197,12 @@ _LEVEL, _NEUTRAL, _LITTLE_DAMPING = 1e-7, 1e-6, 1e-3
 
 
 class Verdict(NamedTuple):
-    """The stability of an equilibrium by its own Jacobian.
-
-    Attributes:
-        state: the equilibrium.
-        factors: factors of the Jacobian.
-        stability: whether the equilibrium is stable.
-        variation: the second variation of the energy.
-    """
+    """The stability of an equilibrium by its own Jacobian."""
 
     state: State
-    factors: LazyFactors
-    stability: Stability
-    variation: Variation
+    factors: LazyFactors  #: factors of the Jacobian
+    stability: Stability  #: whether the equilibrium is stable
+    variation: Variation  #: the second variation of the energy
 
 
 def judge(problem: Problem, state: State) -> Verdict:

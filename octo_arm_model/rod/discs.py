@@ -43,23 +43,14 @@ _NO_TURN = 1e-12  # angle below which a tendon is straight in a hole, without de
 
 
 class Chords(NamedTuple):
-    """The chords of J tendons along D pieces of an arm, in base_frame, from its base.
+    """The chords of J tendons along D pieces of an arm, in base_frame, from its base."""
 
-    Attributes:
-        position: position of the midline at the nodes, (N, 3) [m].
-        frames: orientations of both ends of pieces, (D + 1, 3, 3).
-        far: position of the midline at the far end of pieces, (D, 3) [m].
-        arms: vectors from the far end to the holes, (D, J, 3) [m].
-        unit: unit vectors of the chords, (D, J, 3).
-        length: lengths of the chords, (D, J) [m].
-    """
-
-    position: FloatArray
-    frames: FloatArray
-    far: FloatArray
-    arms: FloatArray
-    unit: FloatArray
-    length: FloatArray
+    position: FloatArray  #: position of the midline at the nodes, (N, 3) [m]
+    frames: FloatArray  #: orientations of both ends of pieces, (D + 1, 3, 3)
+    far: FloatArray  #: position of the midline at the far end of pieces, (D, 3) [m]
+    arms: FloatArray  #: vectors from the far end to the holes, (D, J, 3) [m]
+    unit: FloatArray  #: unit vectors of the chords, (D, J, 3)
+    length: FloatArray  #: lengths of the chords, (D, J) [m]
 
 
 class ChordModel:

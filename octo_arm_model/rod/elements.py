@@ -42,19 +42,12 @@ MOST_KNOTS = 48  # largest number of knots of profiles at edges; others only slo
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """The elements and nodes of one arm.
+    """The elements and nodes of one arm."""
 
-    Attributes:
-        edges: arc coordinates of the ends of elements [m], (E + 1,).
-        rule: Gauss rule of each element.
-        sections: section of each element, from the tip; 0 beyond the last anchorage, (E,).
-        sharp: whether strains may jump at the start of each element, (E,).
-    """
-
-    edges: FloatArray
-    rule: GaussRule
-    sections: IntArray
-    sharp: BoolArray
+    edges: FloatArray  #: arc coordinates of the ends of elements [m], (E + 1,)
+    rule: GaussRule  #: Gauss rule of each element
+    sections: IntArray  #: section of each element, from the tip; 0 beyond the last anchorage, (E,)
+    sharp: BoolArray  #: whether strains may jump at the start of each element, (E,)
 
     @functools.cached_property
     def lengths(self) -> FloatArray:
@@ -279,22 +272,15 @@ _legendre = np.polynomial.legendre
 
 
 class GaussRule(NamedTuple):
-    """The Gauss points of [0, 1], and matrices that integrate values at them.
+    """The Gauss points of [0, 1], and matrices that integrate values at them."""
 
-    Attributes:
-        points: c, (n,).
-        weights: b, quadrature weights over [0, 1], (n,).
-        from_start: a, matrix from a column of values to integrals from 0 to each point, (n, n).
-        to_end: b - a, matrix from values to integrals from each point to 1, (n, n).
-        coefficients: matrix from values to Legendre coefficients, (n, n).
-        antiderivatives: matrix from values to coefficients of the integral from 0, (n + 1, n).
-    """
-
-    points: FloatArray
-    weights: FloatArray
+    points: FloatArray  #: c, (n,)
+    weights: FloatArray  #: b, quadrature weights over [0, 1], (n,)
+    #: a, matrix from a column of values to integrals from 0 to each point, (n, n)
     from_start: FloatArray
-    to_end: FloatArray
-    coefficients: FloatArray
+    to_end: FloatArray  #: b - a, matrix from values to integrals from each point to 1, (n, n)
+    coefficients: FloatArray  #: matrix from values to Legendre coefficients, (n, n)
+    #: matrix from values to coefficients of the integral from 0, (n + 1, n)
     antiderivatives: FloatArray
 
     @property

@@ -32,26 +32,21 @@ from octo_arm_model.rod.tendons import Tendons, unloaded_twists
 
 
 class Condition(NamedTuple):
-    """The condition of an arm: tensions, loads, and lengths that winches hold.
+    """The condition of an arm: tensions, loads, and lengths that winches hold."""
 
-    Attributes:
-        tensions: tensions of the tendons at the base, (J,), or at every node, (N, J) [N].
-        tip_wrench: force and moment on the tip in base_frame, (6,) [N, N m].
-        factor: factor on all other loads [-], from 0 to 1.
-        before: tensions at the points `Friction.fine` from which tendons with friction slide,
-            (M, J) [N]; None if they were slack.
-        lengths: lengths that winches have reeled in [m], (J,), used where ``driven``.
-        driven: whether a winch holds the length of a tendon, not its tension, (J,); empty if there
-            are no winches.
-        rigidity: factor on the stiffness of obstacles [-], less than 1 on the way to a shape.
-    """
-
+    #: tensions of the tendons at the base, (J,), or at every node, (N, J) [N]
     tensions: FloatArray
-    tip_wrench: FloatArray
-    factor: float = 1.0
+    tip_wrench: FloatArray  #: force and moment on the tip in base_frame, (6,) [N, N m]
+    factor: float = 1.0  #: factor on all other loads [-], from 0 to 1
+    #: tensions at the points `Friction.fine` from which tendons with friction slide, (M, J) [N];
+    #: None if they were slack
     before: FloatArray | None = None
+    #: lengths that winches have reeled in [m], (J,), used where ``driven``
     lengths: FloatArray = np.zeros(0)
+    #: whether a winch holds the length of a tendon, not its tension, (J,); empty if there are no
+    #: winches
     driven: NDArray[np.bool_] = np.zeros(0, np.bool_)
+    #: factor on the stiffness of obstacles [-], less than 1 on the way to a shape
     rigidity: float = 1.0
 
     def towards(self, other: Condition, part: float) -> Condition:
@@ -69,21 +64,14 @@ class Condition(NamedTuple):
 
 
 class NodeCondition(NamedTuple):
-    """Tensions and loads of a condition at the nodes.
-
-    Attributes:
-        condition: the condition.
-        tensions: tension of every tendon at every node [N], (N, J).
-        force: force of all loads beyond each node, in base_frame, (N, 3) [N].
-        couple: free moment of these loads, without the moment of the forces, (N, 3) [N m].
-        dead: force and couple of the loads that do not depend on the shape, (2, N, 3).
-    """
+    """Tensions and loads of a condition at the nodes."""
 
     condition: Condition
-    tensions: FloatArray
-    force: FloatArray
+    tensions: FloatArray  #: tension of every tendon at every node [N], (N, J)
+    force: FloatArray  #: force of all loads beyond each node, in base_frame, (N, 3) [N]
+    #: free moment of these loads, without the moment of the forces, (N, 3) [N m]
     couple: FloatArray
-    dead: FloatArray
+    dead: FloatArray  #: force and couple of the loads that do not depend on the shape, (2, N, 3)
 
     @property
     def is_touching(self) -> bool:
@@ -92,23 +80,16 @@ class NodeCondition(NamedTuple):
 
 
 class State(NamedTuple):
-    """Twists of an arm in a condition, in equilibrium or not.
+    """Twists of an arm in a condition, in equilibrium or not."""
 
-    Attributes:
-        at_nodes: tensions and loads at the nodes.
-        z: twists, (N, m) [1/m and -].
-        imbalance: gradient of the energy less the wrench of the loads, (N, m) [N m and N].
-        residual: largest imbalance over its scale [-]; NaN where a strain is impossible.
-        reeled: lengths that winches have reeled in, or that would make slack tendons taut [m],
-            (J,).
-        wrong: target less ``reeled`` [m], (J,); zero for tendons that are not driven.
-    """
-
-    at_nodes: NodeCondition
-    z: FloatArray
+    at_nodes: NodeCondition  #: tensions and loads at the nodes
+    z: FloatArray  #: twists, (N, m) [1/m and -]
+    #: gradient of the energy less the wrench of the loads, (N, m) [N m and N]
     imbalance: FloatArray
-    residual: float
+    residual: float  #: largest imbalance over its scale [-]; NaN where a strain is impossible
+    #: lengths that winches have reeled in, or that would make slack tendons taut [m], (J,)
     reeled: FloatArray = np.zeros(0)
+    #: target less ``reeled`` [m], (J,); zero for tendons that are not driven
     wrong: FloatArray = np.zeros(0)
 
     @property
@@ -118,27 +99,19 @@ class State(NamedTuple):
 
 
 class Equilibrium(NamedTuple):
-    """A stable equilibrium of a `Rod`.
+    """A stable equilibrium of a `Rod`."""
 
-    Attributes:
-        state: twists at the nodes, and the condition.
-        level: index in `elements.LEVELS` of the level of its nodes.
-        factors: factors of the Jacobian at an equilibrium nearby; None for an arm without loads.
-        firm_state: that equilibrium if it was found to be stable by a margin; else None.
-        iterations: number of all iterations.
-        fine: twists at the finer points, for an arm without loads.
-        key: key of the factors of this equilibrium in `RecentFactors`.
-        guess: twists from which the next search starts, (N, m), without continuation if it fails;
-            None to start from these twists.
-    """
-
-    state: State
-    level: int
+    state: State  #: twists at the nodes, and the condition
+    level: int  #: index in `elements.LEVELS` of the level of its nodes
+    #: factors of the Jacobian at an equilibrium nearby; None for an arm without loads
     factors: Linear | None
+    #: that equilibrium if it was found to be stable by a margin; else None
     firm_state: State | None
-    iterations: int
-    fine: FloatArray | None = None
-    key: object | None = None
+    iterations: int  #: number of all iterations
+    fine: FloatArray | None = None  #: twists at the finer points, for an arm without loads
+    key: object | None = None  #: key of the factors of this equilibrium in `RecentFactors`
+    #: twists from which the next search starts, (N, m), without continuation if it fails; None to
+    #: start from these twists
     guess: FloatArray | None = None
 
 

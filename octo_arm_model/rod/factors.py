@@ -33,17 +33,11 @@ class Linear(Protocol):
 
 
 class Factors(NamedTuple):
-    """LU factors of a Jacobian.
+    """LU factors of a Jacobian."""
 
-    Attributes:
-        factors: the factors of the transposed matrix, as LAPACK's getrf returns them.
-        pivots: its pivots.
-        sign: the sign of the determinant, 1 or -1.
-    """
-
-    factors: FloatArray
-    pivots: IntArray
-    sign: int
+    factors: FloatArray  #: the factors of the transposed matrix, as LAPACK's getrf returns them
+    pivots: IntArray  #: its pivots
+    sign: int  #: the sign of the determinant, 1 or -1
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution (n,) or (n, k) for the right-hand sides ``right``."""
@@ -52,13 +46,9 @@ class Factors(NamedTuple):
 
 
 class BlockFactors(NamedTuple):
-    """Factors of a block-diagonal Jacobian with a block for each node: an arm without loads.
+    """Factors of a block-diagonal Jacobian with a block for each node: an arm without loads."""
 
-    Attributes:
-        inverse: the inverses of the blocks, (N, m, m).
-    """
-
-    inverse: FloatArray
+    inverse: FloatArray  #: the inverses of the blocks, (N, m, m)
 
     @classmethod
     def of(cls, hessian: FloatArray) -> BlockFactors:
@@ -147,15 +137,10 @@ def factorise(jacobian: FloatArray) -> Factors:
 
 
 class Stability(NamedTuple):
-    """The stability of an equilibrium.
+    """The stability of an equilibrium."""
 
-    Attributes:
-        is_stable: whether it is stable.
-        is_firm: whether it is stable by the margin `FIRM`.
-    """
-
-    is_stable: bool
-    is_firm: bool
+    is_stable: bool  #: whether it is stable
+    is_firm: bool  #: whether it is stable by the margin `FIRM`
 
 
 class Variation:

@@ -50,17 +50,11 @@ FillsAngles: TypeAlias = Callable[[Tables, FloatArray, FloatArray, Work], None]
 
 
 class Band(NamedTuple):
-    """The band (2) of tensions that friction can hold, at n points, (n, J) [N] each.
+    """The band (2) of tensions that friction can hold, at n points, (n, J) [N] each."""
 
-    Attributes:
-        lower: tensions of tendons that are drawn in.
-        upper: tensions of tendons that are let out.
-        before: tensions from which tendons slide.
-    """
-
-    lower: FloatArray
-    upper: FloatArray
-    before: FloatArray
+    lower: FloatArray  #: tensions of tendons that are drawn in
+    upper: FloatArray  #: tensions of tendons that are let out
+    before: FloatArray  #: tensions from which tendons slide
 
     @classmethod
     def of(cls, base: FloatArray, loss: FloatArray, before: FloatArray) -> Band:
@@ -82,16 +76,11 @@ class Band(NamedTuple):
 
 
 class LocalTensions(NamedTuple):
-    """The tensions of tendons with friction along an arm.
+    """The tensions of tendons with friction along an arm."""
 
-    Attributes:
-        tensions: tensions at the nodes [N], zero beyond anchorages, (N, J).
-        angle: wrap angles theta, (N, J) [rad].
-        band: the band at the points `Friction.fine`; None if tendons are drawn in from slack.
-    """
-
-    tensions: FloatArray
-    angle: FloatArray
+    tensions: FloatArray  #: tensions at the nodes [N], zero beyond anchorages, (N, J)
+    angle: FloatArray  #: wrap angles theta, (N, J) [rad]
+    #: the band at the points `Friction.fine`; None if tendons are drawn in from slack
     band: Band | None = None
 
 

@@ -43,17 +43,11 @@ class Inputs:
 
 
 class CheckedInputs(NamedTuple):
-    """Checked `Inputs` as arrays.
+    """Checked `Inputs` as arrays."""
 
-    Attributes:
-        condition: tensions, lengths and tip wrench, which includes that of the loads.
-        current: velocity of the water, (3,) [m/s].
-        base: position [m] and quaternion w, x, y, z of the base, (7,).
-    """
-
-    condition: Condition
-    current: FloatArray
-    base: FloatArray
+    condition: Condition  #: tensions, lengths and tip wrench, which includes that of the loads
+    current: FloatArray  #: velocity of the water, (3,) [m/s]
+    base: FloatArray  #: position [m] and quaternion w, x, y, z of the base, (7,)
 
 
 @dataclass(frozen=True, eq=False)

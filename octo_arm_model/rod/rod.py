@@ -59,18 +59,12 @@ _SAME_SHAPE, _SAME_LOADS, _SOFT = 0.25, 0.02, 0.25
 
 
 class Setting(NamedTuple):
-    """The options of the model of an arm.
+    """The options of the model of an arm."""
 
-    Attributes:
-        law: number of the elastic law, as in `arm.material.LAWS`.
-        shear: whether cross sections shear; this requires the linear law.
-        accuracy: allowed error of positions over the length [-].
-        compiled: whether numba compiles the node functions; None if it is installed and works.
-    """
-
-    law: int = NEO_HOOKEAN
-    shear: bool = False
-    accuracy: float = 1e-8
+    law: int = NEO_HOOKEAN  #: number of the elastic law, as in `arm.material.LAWS`
+    shear: bool = False  #: whether cross sections shear; this requires the linear law
+    accuracy: float = 1e-8  #: allowed error of positions over the length [-]
+    #: whether numba compiles the node functions; None if it is installed and works
     compiled: bool | None = None
 
 

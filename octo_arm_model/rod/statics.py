@@ -31,69 +31,43 @@ _LEVELS_AT_ONCE = 3
 
 
 class Setup(NamedTuple):
-    """The arm, stations and options that a model is prepared for.
-
-    Attributes:
-        arm: the arm.
-        s: arc coordinates of the stations [m], (S,).
-        section: section of each station, numbered from the tip, 0 beyond the last, (S,).
-        base: position [m], (3,), and orientation, a quaternion w, x, y, z, (4,), of the base.
-        law: name of the elastic law; the paper's models ignore it and are linear.
-        shear: whether cross sections shear.
-        loads: all loads but the tendons and the wrench on the tip.
-        allowance: budget of solves that follow equilibria.
-        compiled: whether numba compiles the node functions; None if it is installed and works.
-        accuracy: allowed error of positions over the length [-].
-    """
+    """The arm, stations and options that a model is prepared for."""
 
     arm: Arm
-    s: FloatArray
-    section: IntArray
+    s: FloatArray  #: arc coordinates of the stations [m], (S,)
+    section: IntArray  #: section of each station, numbered from the tip, 0 beyond the last, (S,)
+    #: position [m], (3,), and orientation, a quaternion w, x, y, z, (4,), of the base
     base: tuple[FloatArray, FloatArray]
-    law: str
-    shear: bool
-    loads: Loads
-    allowance: Allowance
+    law: str  #: name of the elastic law; the paper's models ignore it and are linear
+    shear: bool  #: whether cross sections shear
+    loads: Loads  #: all loads but the tendons and the wrench on the tip
+    allowance: Allowance  #: budget of solves that follow equilibria
+    #: whether numba compiles the node functions; None if it is installed and works
     compiled: bool | None
-    accuracy: float = 1e-8
+    accuracy: float = 1e-8  #: allowed error of positions over the length [-]
 
 
 class Shape(NamedTuple):
-    """The shape of one arm at S stations.
+    """The shape of one arm at S stations."""
 
-    Attributes:
-        position: positions, (S, 3) [m].
-        quaternion: orientations x, y, z, w, (S, 4).
-        strains: tau, xi, k [1/m] and q [-], (4, S).
-        tensions: tensions of J tendons with friction, (S, J) [N]; None without friction.
-        equilibrium: the equilibrium at the nodes.
-    """
-
-    position: FloatArray
-    quaternion: FloatArray
-    strains: FloatArray
+    position: FloatArray  #: positions, (S, 3) [m]
+    quaternion: FloatArray  #: orientations x, y, z, w, (S, 4)
+    strains: FloatArray  #: tau, xi, k [1/m] and q [-], (4, S)
+    #: tensions of J tendons with friction, (S, J) [N]; None without friction
     tensions: FloatArray | None
-    equilibrium: Equilibrium
+    equilibrium: Equilibrium  #: the equilibrium at the nodes
 
 
 class Shapes(NamedTuple):
-    """The shapes of A arms at S stations.
+    """The shapes of A arms at S stations."""
 
-    Attributes:
-        position: positions, (A, S, 3) [m].
-        quaternion: orientations x, y, z, w, (A, S, 4).
-        strains: tau, xi, k [1/m] and q [-], (4, A, S).
-        tensions: tensions of J tendons with friction, (A, S, J) [N]; None without friction.
-        residual: residuals of the equilibria [-], (A,).
-        iterations: numbers of iterations, (A,).
-    """
-
-    position: FloatArray
-    quaternion: FloatArray
-    strains: FloatArray
+    position: FloatArray  #: positions, (A, S, 3) [m]
+    quaternion: FloatArray  #: orientations x, y, z, w, (A, S, 4)
+    strains: FloatArray  #: tau, xi, k [1/m] and q [-], (4, A, S)
+    #: tensions of J tendons with friction, (A, S, J) [N]; None without friction
     tensions: FloatArray | None
-    residual: FloatArray
-    iterations: IntArray
+    residual: FloatArray  #: residuals of the equilibria [-], (A,)
+    iterations: IntArray  #: numbers of iterations, (A,)
 
 
 class Statics(abc.ABC):

@@ -21,16 +21,11 @@ DEFAULT_STATIONS = 101
 
 @dataclass(frozen=True)
 class StationGrid:
-    """Stations, spread over the panels in proportion to their lengths.
+    """Stations, spread over the panels in proportion to their lengths."""
 
-    Attributes:
-        s: arc coordinate of the stations [m], (stations,), from base to tip.
-        section: section of each station, numbered from the tip, (stations,); 0 beyond the last
-            anchorage. An anchorage belongs to the section towards the base, where its tendons
-            act.
-    """
-
-    s: FloatArray
+    s: FloatArray  #: arc coordinate of the stations [m], (stations,), from base to tip
+    #: section of each station, numbered from the tip, (stations,); 0 beyond the last anchorage. An
+    #: anchorage belongs to the section towards the base, where its tendons act.
     section: IntArray
 
     @classmethod

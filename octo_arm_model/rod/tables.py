@@ -22,130 +22,88 @@ _LEAST_SCALE = 1e-4  # part of E A in the scale of residuals, as forces far belo
 
 
 class Tables(NamedTuple):
-    """The tables of an arm with J tendons at N nodes, in E elements of p points.
+    """The tables of an arm with J tendons at N nodes, in E elements of p points."""
 
-    Attributes:
-        law: number of the elastic law, see `arm.material.LAWS`.
-        lengths: reference lengths of the elements [m], (E,).
-        weights: weights of the integral along the arm [m], (N,).
-        to_point: weights of the integral over an element of length one from its start to a point,
-            (p, p), a row for each point.
-        to_end: weights of the integral from a point to the end, (p, p).
-        twice: to_end[i, m] to_point[m, k], (p, p, p) with indices i, k, m.
-        base: orientation of the base, quaternion w, x, y, z, (4,).
-        body: E A [N], G I [N m^2], 4 E J / (E A) of bending about n and about b, R^2 of a circle
-            [m^2], G A [N], the larger of R and the offset of the outermost tendon [m], R, and
-            torsion and curvatures at rest [1/m], (N, 10).
-        tendons: offsets along n and b [m] and their slopes [-], zero beyond the anchorage,
-            (N, J, 4).
-        active: how many tendons reach each node, (N,): the first ones, as sections are numbered
-            from the tip.
-        reach: 1 where a tendon acts and 0 beyond its anchorage, (N, J).
-        least_scale: least force that residuals are divided by, (N,) [N].
-        compliance: 1 / k of the sheath of each tendon [1/Pa], 0 for a rigid one, (J,).
-        friction: coefficient mu of each tendon [-], (J,).
-        differentiation: derivative at the points of an element of length one, (p, p).
-        ends: weights of the values at its start and end, (2, p).
-        sharp: whether strains may jump at the start of each element, (E,).
-        to_fine: values at the M / E fine points of an element of length one, see
-            `elements.fine`, from those at its points, (M / E, p).
-        fine_weights: weights of integrals from start to each point and to end, (p + 1, M / E).
-    """
-
-    law: int
-    lengths: FloatArray
-    weights: FloatArray
+    law: int  #: number of the elastic law, see `arm.material.LAWS`
+    lengths: FloatArray  #: reference lengths of the elements [m], (E,)
+    weights: FloatArray  #: weights of the integral along the arm [m], (N,)
+    #: weights of the integral over an element of length one from its start to a point, (p, p), a
+    #: row for each point
     to_point: FloatArray
-    to_end: FloatArray
-    twice: FloatArray
-    base: FloatArray
+    to_end: FloatArray  #: weights of the integral from a point to the end, (p, p)
+    twice: FloatArray  #: to_end[i, m] to_point[m, k], (p, p, p) with indices i, k, m
+    base: FloatArray  #: orientation of the base, quaternion w, x, y, z, (4,)
+    #: E A [N], G I [N m^2], 4 E J / (E A) of bending about n and about b, R^2 of a circle [m^2], G
+    #: A [N], the larger of R and the offset of the outermost tendon [m], R, and torsion and
+    #: curvatures at rest [1/m], (N, 10)
     body: FloatArray
+    #: offsets along n and b [m] and their slopes [-], zero beyond the anchorage, (N, J, 4)
     tendons: FloatArray
+    #: how many tendons reach each node, (N,): the first ones, as sections are numbered from the
+    #: tip
     active: IntArray
-    reach: FloatArray
-    least_scale: FloatArray
-    compliance: FloatArray
-    friction: FloatArray
-    differentiation: FloatArray
-    ends: FloatArray
-    sharp: BoolArray
+    reach: FloatArray  #: 1 where a tendon acts and 0 beyond its anchorage, (N, J)
+    least_scale: FloatArray  #: least force that residuals are divided by, (N,) [N]
+    compliance: FloatArray  #: 1 / k of the sheath of each tendon [1/Pa], 0 for a rigid one, (J,)
+    friction: FloatArray  #: coefficient mu of each tendon [-], (J,)
+    differentiation: FloatArray  #: derivative at the points of an element of length one, (p, p)
+    ends: FloatArray  #: weights of the values at its start and end, (2, p)
+    sharp: BoolArray  #: whether strains may jump at the start of each element, (E,)
+    #: values at the M / E fine points of an element of length one, see `elements.fine`, from those
+    #: at its points, (M / E, p)
     to_fine: FloatArray
+    #: weights of integrals from start to each point and to end, (p + 1, M / E)
     fine_weights: FloatArray
 
 
 class Work(NamedTuple):
-    """The results of node functions, overwritten by each call; m strains at N nodes.
+    """The results of node functions, overwritten by each call; m strains at N nodes."""
 
-    Attributes:
-        quaternion: orientation of the nodes, w, x, y, z, (N, 4).
-        rotation: rotation matrix of the nodes, columns t, n, b, (N, 3, 3).
-        slope: r', the derivative of the position by s [-], (N, 3).
-        moment: moment on the cross section from beyond it, in base_frame, (N, 3) [N m].
-        gradient: gradient of the energy by the twist, (N, m) [N m and N].
-        hessian: second derivatives of the energy by the twist, (N, m, m).
-        residual: gradient less the wrench of the loads in the axes of the section, (N, m).
-        scale: moments and forces that a residual is divided by, (N, 2) [N m, N].
-        offsets: offsets of tendons in sheaths, (N, J, 2) [m].
-        angle: angle by which tendons with friction have turned from the base [rad], (N, J).
-        jacobian: d residual / d z, (N m, N m), rows and columns node by node.
-    """
-
-    quaternion: FloatArray
-    rotation: FloatArray
-    slope: FloatArray
-    moment: FloatArray
-    gradient: FloatArray
-    hessian: FloatArray
+    quaternion: FloatArray  #: orientation of the nodes, w, x, y, z, (N, 4)
+    rotation: FloatArray  #: rotation matrix of the nodes, columns t, n, b, (N, 3, 3)
+    slope: FloatArray  #: r', the derivative of the position by s [-], (N, 3)
+    moment: FloatArray  #: moment on the cross section from beyond it, in base_frame, (N, 3) [N m]
+    gradient: FloatArray  #: gradient of the energy by the twist, (N, m) [N m and N]
+    hessian: FloatArray  #: second derivatives of the energy by the twist, (N, m, m)
+    #: gradient less the wrench of the loads in the axes of the section, (N, m)
     residual: FloatArray
-    scale: FloatArray
-    offsets: FloatArray
+    scale: FloatArray  #: moments and forces that a residual is divided by, (N, 2) [N m, N]
+    offsets: FloatArray  #: offsets of tendons in sheaths, (N, J, 2) [m]
+    #: angle by which tendons with friction have turned from the base [rad], (N, J)
     angle: FloatArray
-    jacobian: FloatArray
+    jacobian: FloatArray  #: d residual / d z, (N m, N m), rows and columns node by node
 
 
 class Places(NamedTuple):
-    """S places of an arm, such as stations, and matrices from values at the N nodes.
+    """S places of an arm, such as stations, and matrices from values at the N nodes."""
 
-    Attributes:
-        element: element of each place, at an edge the one towards the base, (S,).
-        integration: matrix from values at the nodes to integrals from the base, (S, N) [m].
-        between: matrix from values at the nodes to those at the places, (S, N).
-        tail: matrix from values at the points of an element to their last two Legendre
-            coefficients, (2, p).
-    """
-
-    element: IntArray
+    element: IntArray  #: element of each place, at an edge the one towards the base, (S,)
+    #: matrix from values at the nodes to integrals from the base, (S, N) [m]
     integration: FloatArray
-    between: FloatArray
+    between: FloatArray  #: matrix from values at the nodes to those at the places, (S, N)
+    #: matrix from values at the points of an element to their last two Legendre coefficients, (2,
+    #: p)
     tail: FloatArray
 
 
 class PaperTables(NamedTuple):
-    """The tables of the paper's models at P places: nodes, stations, both sides of anchorages.
+    """The tables of the paper's models at P places: nodes, stations, both sides of anchorages."""
 
-    Attributes:
-        moments: matrix from tensions to the seven sums over the tendons, see `papers`,
-            (J, 7, P).
-        stiffness: E A [N], G I and E J about n and about b [N m^2] of the sections, (4, P).
-        rest: moments that would straighten the sections, about t, n and b, (3, P) [N m].
-        lengths: lengths of the elements [m], (E,).
-        backwards: weights of the integrals over an element of length one from each point to its
-            end, and from its start, (p + 1, p).
-        swept: number of elements, counted from the base, with equation (10): none in the closed
-            form.
-        anchorage: place on the base side of the anchorage at which an element ends, before that on
-            its other side; -1 if it ends at none, (E,).
-        stations: the S stations.
-    """
-
+    #: matrix from tensions to the seven sums over the tendons, see `papers`, (J, 7, P)
     moments: FloatArray
+    #: E A [N], G I and E J about n and about b [N m^2] of the sections, (4, P)
     stiffness: FloatArray
-    rest: FloatArray
-    lengths: FloatArray
+    rest: FloatArray  #: moments that would straighten the sections, about t, n and b, (3, P) [N m]
+    lengths: FloatArray  #: lengths of the elements [m], (E,)
+    #: weights of the integrals over an element of length one from each point to its end, and from
+    #: its start, (p + 1, p)
     backwards: FloatArray
+    #: number of elements, counted from the base, with equation (10): none in the closed form
     swept: int
+    #: place on the base side of the anchorage at which an element ends, before that on its other
+    #: side; -1 if it ends at none, (E,)
     anchorage: IntArray
-    stations: Places
+    stations: Places  #: the S stations
 
 
 def places_at(elements: Elements, s: FloatArray) -> Places:
@@ -286,62 +244,39 @@ POSITION, TANGENT, COLUMNS = slice(0, 3), slice(3, 6), 12
 
 
 class MotionTables(NamedTuple):
-    """The constants of a moving arm.
+    """The constants of a moving arm."""
 
-    Attributes:
-        from_base: matrix of integrals from the base to each node, (N, N) in columns [m].
-        to_tip: matrix of integrals from each node to the tip, (N, N) [m].
-        section: per reference length, rho A [kg/m], rho times the second moments of area across
-            which n and b point [kg m], the mass of the displaced water and the added one [kg/m],
-            and factors of the drag, see `inertia` (1): rho_w R C_n and rho_w R (pi C_t / 2 - C_n)
-            [kg/m^2], (N, 7).
-        in_water: whether any of the last four is not zero.
-        viscous: viscous stiffness D of the sections, (N, m).
-    """
-
-    from_base: FloatArray
-    to_tip: FloatArray
+    from_base: FloatArray  #: matrix of integrals from the base to each node, (N, N) in columns [m]
+    to_tip: FloatArray  #: matrix of integrals from each node to the tip, (N, N) [m]
+    #: per reference length, rho A [kg/m], rho times the second moments of area across which n and
+    #: b point [kg m], the mass of the displaced water and the added one [kg/m], and factors of the
+    #: drag, see `inertia` (1): rho_w R C_n and rho_w R (pi C_t / 2 - C_n) [kg/m^2], (N, 7)
     section: FloatArray
-    in_water: bool
-    viscous: FloatArray
+    in_water: bool  #: whether any of the last four is not zero
+    viscous: FloatArray  #: viscous stiffness D of the sections, (N, m)
 
 
 class TimeRule(NamedTuple):
     """Velocities and accelerations as linear functions of the places x of nodes.
 
     They are by_velocity x - velocity and by_acceleration x - acceleration.
-
-    Attributes:
-        by_velocity: coefficient of velocities [1/s].
-        by_acceleration: coefficient of accelerations [1/s^2].
-        velocity: constant part of velocities of places, (N, 12).
-        acceleration: constant part of accelerations of places, (N, 12).
-        twist_rate: constant part of the rates of twists, (N, m).
-        water: velocity of the water [m/s] and its acceleration [m/s^2], (2, 3).
     """
 
-    by_velocity: float
-    by_acceleration: float
-    velocity: FloatArray
-    acceleration: FloatArray
-    twist_rate: FloatArray
-    water: FloatArray
+    by_velocity: float  #: coefficient of velocities [1/s]
+    by_acceleration: float  #: coefficient of accelerations [1/s^2]
+    velocity: FloatArray  #: constant part of velocities of places, (N, 12)
+    acceleration: FloatArray  #: constant part of accelerations of places, (N, 12)
+    twist_rate: FloatArray  #: constant part of the rates of twists, (N, m)
+    water: FloatArray  #: velocity of the water [m/s] and its acceleration [m/s^2], (2, 3)
 
 
 class Motion(NamedTuple):
-    """The motion of the nodes, (N, 12) each, and its loads.
+    """The motion of the nodes, (N, 12) each, and its loads."""
 
-    Attributes:
-        place: positions in base_frame [m] and axes of the sections [-].
-        velocity: velocities of the places.
-        acceleration: accelerations of the places.
-        load: force and moment of inertia and water beyond each node, (2, N, 3) [N, N m].
-    """
-
-    place: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    load: FloatArray
+    place: FloatArray  #: positions in base_frame [m] and axes of the sections [-]
+    velocity: FloatArray  #: velocities of the places
+    acceleration: FloatArray  #: accelerations of the places
+    load: FloatArray  #: force and moment of inertia and water beyond each node, (2, N, 3) [N, N m]
 
 
 # Errors ------------------------------------------------------------------------------------------

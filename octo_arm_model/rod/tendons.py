@@ -35,17 +35,11 @@ from octo_arm_model.rod.tables import REST_T, Tables
 
 
 class PathChange(NamedTuple):
-    """Derivatives by a quantity of each tendon, for constant twists and other tendons.
+    """Derivatives by a quantity of each tendon, for constant twists and other tendons."""
 
-    Attributes:
-        unit: derivative of e, (3, N, J).
-        stretch: derivative of |u|, (N, J).
-        gradient: derivative of T g, the gradient of the energy by the twist, (N, J, m).
-    """
-
-    unit: FloatArray
-    stretch: FloatArray
-    gradient: FloatArray
+    unit: FloatArray  #: derivative of e, (3, N, J)
+    stretch: FloatArray  #: derivative of |u|, (N, J)
+    gradient: FloatArray  #: derivative of T g, the gradient of the energy by the twist, (N, J, m)
 
 
 class Tendons:

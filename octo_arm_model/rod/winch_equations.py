@@ -48,29 +48,19 @@ _UNCERTAIN = 1e-4  # error of a step over the largest error before it
 
 
 class BorderedSystem(NamedTuple):
-    """The linearised equations of an arm with its winches.
+    """The linearised equations of an arm with its winches."""
 
-    Attributes:
-        z: twists that they are linearised about, or nearby, (N, m).
-        factors: factors of the Jacobian.
-        by_tension: J^-1 C, minus the change of the twists by the tensions, (N m, J).
-        lengths: G, (J, N m).
-        changes: derivative of lengths reeled in by the tensions, (J, J) [m/N].
-        rates: derivative of local tensions by those at the base at fixed twists, (N, J).
-        by_local: derivative of lengths reeled in by local tensions, twists fixed, (N, J) [m/N].
-        local: derivatives of local tensions with friction; None if they do not change.
-        contradiction: largest error of lengths that contradict each other [m].
-    """
-
-    z: FloatArray
-    factors: Linear
-    by_tension: FloatArray
-    lengths: FloatArray
-    changes: FloatArray
-    rates: FloatArray
+    z: FloatArray  #: twists that they are linearised about, or nearby, (N, m)
+    factors: Linear  #: factors of the Jacobian
+    by_tension: FloatArray  #: J^-1 C, minus the change of the twists by the tensions, (N m, J)
+    lengths: FloatArray  #: G, (J, N m)
+    changes: FloatArray  #: derivative of lengths reeled in by the tensions, (J, J) [m/N]
+    rates: FloatArray  #: derivative of local tensions by those at the base at fixed twists, (N, J)
+    #: derivative of lengths reeled in by local tensions, twists fixed, (N, J) [m/N]
     by_local: FloatArray
+    #: derivatives of local tensions with friction; None if they do not change
     local: TensionDerivatives | None
-    contradiction: float = 0.0
+    contradiction: float = 0.0  #: largest error of lengths that contradict each other [m]
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution (n,) or (n, k) for the sides ``right``, at fixed tensions."""
@@ -294,19 +284,16 @@ class RodWinchEquations(WinchEquations):
 
 
 class Tolerance(NamedTuple):
-    """The tolerances of lengths that do not determine tensions.
+    """The tolerances of lengths that do not determine tensions."""
 
-    Attributes:
-        singular: pivot over the largest, below which lengths do not determine tensions, because
-            they do not distinguish tendons, or do so by friction alone.
-        slack: error of the displacement up to which a slack tendon stays slack [m]. With less,
-            antagonistic tendons would alternate between slack and taut.
-        contradiction: error up to which lengths may contradict each other [m]. Beyond it the
-            tendon of least tension becomes slack.
-    """
-
+    #: pivot over the largest, below which lengths do not determine tensions, because they do not
+    #: distinguish tendons, or do so by friction alone
     singular: float
+    #: error of the displacement up to which a slack tendon stays slack [m]. With less,
+    #: antagonistic tendons would alternate between slack and taut.
     slack: float
+    #: error up to which lengths may contradict each other [m]. Beyond it the tendon of least
+    #: tension becomes slack.
     contradiction: float
 
     @classmethod

@@ -98,22 +98,16 @@ _STEP = 5e-3  # longest step of the integration [s]
 
 
 class HeldLengths(NamedTuple):
-    """The tendons that winches hold at a length, each (tendons,).
+    """The tendons that winches hold at a length, each (tendons,)."""
 
-    Attributes:
-        lengths: lengths reeled in [m]; NaN for winches that follow tensions.
-        bounds: tensions below which winches reel in, and above which they let out [N],
-            (2, tendons).
-        direction: 1 for a winch that is to reel in, -1 for one that is to let out, else 0.
-        at_bound: 1 for a tendon at its upper bound, -1 for one at its lower bound, else 0.
-        keeps_taut: whether the lower bound is > 0; tendons at a bound of 0 hang slack.
-    """
-
-    lengths: FloatArray
+    lengths: FloatArray  #: lengths reeled in [m]; NaN for winches that follow tensions
+    #: tensions below which winches reel in, and above which they let out [N], (2, tendons)
     bounds: FloatArray
+    #: 1 for a winch that is to reel in, -1 for one that is to let out, else 0
     direction: FloatArray
+    #: 1 for a tendon at its upper bound, -1 for one at its lower bound, else 0
     at_bound: FloatArray
-    keeps_taut: bool
+    keeps_taut: bool  #: whether the lower bound is > 0; tendons at a bound of 0 hang slack
 
 
 class DynamicArm(SimulatedArm):

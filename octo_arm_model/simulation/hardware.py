@@ -168,18 +168,15 @@ class LoadCells(ParameterGroup):
 
 @dataclass(frozen=True)
 class Hardware:
-    """The parameters of the hardware, which by default is ideal.
+    """The parameters of the hardware, which by default is ideal."""
 
-    Attributes:
-        winches: parameters of the winches, which pull the tendons.
-        load_cells: parameters of the load cells, which measure their tensions.
-        relaxation: parameters of the viscoelastic material.
-        calibration: conversion of readings to tensions; its inverse is applied to the tensions.
-    """
-
+    #: parameters of the winches, which pull the tendons
     winches: Winches = field(default_factory=Winches)
+    #: parameters of the load cells, which measure their tensions
     load_cells: LoadCells = field(default_factory=LoadCells)
+    #: parameters of the viscoelastic material
     relaxation: Relaxation = field(default_factory=Relaxation)
+    #: conversion of readings to tensions; its inverse is applied to the tensions
     calibration: Calibration = field(default_factory=Calibration)
 
 

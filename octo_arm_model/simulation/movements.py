@@ -38,17 +38,13 @@ _COMPRESSION = 0.1
 
 @dataclass(frozen=True)
 class Movement:
-    """A profile that is computed for an arm.
+    """A profile that is computed for an arm."""
 
-    Attributes:
-        description: line for lists of movements.
-        profile: function of an arm without an objection and of largest tensions [N], or None for
-            `default_highest`, that returns the profile.
-        objection: function of an arm that returns why the movement is not for it; empty if it is.
-    """
-
-    description: str
+    description: str  #: line for lists of movements
+    #: function of an arm without an objection and of largest tensions [N], or None for
+    #: `default_highest`, that returns the profile
     profile: Callable[[Arm, ArrayLike | None], CommandProfile]
+    #: function of an arm that returns why the movement is not for it; empty if it is
     objection: Callable[[Arm], str] = lambda arm: ''
 
 

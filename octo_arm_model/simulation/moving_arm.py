@@ -111,17 +111,11 @@ _AXES = 'xyz'
 
 
 class Moment(NamedTuple):
-    """The moving arm at one time.
+    """The moving arm at one time."""
 
-    Attributes:
-        time: time [s].
-        backbone: shape and tensions.
-        tip_velocity: velocity of the tip in base_frame [m/s], (3,).
-    """
-
-    time: float
-    backbone: Backbone
-    tip_velocity: FloatArray
+    time: float  #: time [s]
+    backbone: Backbone  #: shape and tensions
+    tip_velocity: FloatArray  #: velocity of the tip in base_frame [m/s], (3,)
 
 
 def simulate(

@@ -34,19 +34,16 @@ class CommandProfile:
     Fritsch and Butland 1984), ``linear`` interpolates linearly, and ``steps`` holds each row until
     the next.
 
-    Attributes:
-        times: times [s], (n,), increasing, at least two and at most `MAX_PROFILE_ROWS`; the first
-            is set to 0.
-        tensions: tensions [N], (n, tendons), finite, >= 0, in the order of `Arm.tendon_names`.
-        interpolation: one of `INTERPOLATIONS`.
-
     Raises:
         ProfileError: if a value is not as described; the message names the row.
     """
 
+    #: times [s], (n,), increasing, at least two and at most `MAX_PROFILE_ROWS`; the first is set
+    #: to 0
     times: FloatArray
+    #: tensions [N], (n, tendons), finite, >= 0, in the order of `Arm.tendon_names`
     tensions: FloatArray
-    interpolation: str = 'smooth'
+    interpolation: str = 'smooth'  #: one of `INTERPOLATIONS`
 
     def __post_init__(self) -> None:
         """Check the values, and keep read-only copies."""

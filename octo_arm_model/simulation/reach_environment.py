@@ -23,17 +23,11 @@ _TRIES = 100  # largest number of random tensions until their shape is a target
 
 
 class Snapshot(NamedTuple):
-    """The whole state of the environment, except the generator of targets.
+    """The whole state of the environment, except the generator of targets."""
 
-    Attributes:
-        state: state of the arm.
-        target: target of the tip [m], (3,).
-        steps: number of steps since the reset.
-    """
-
-    state: MotionState
-    target: FloatArray
-    steps: int
+    state: MotionState  #: state of the arm
+    target: FloatArray  #: target of the tip [m], (3,)
+    steps: int  #: number of steps since the reset
 
 
 class ReachEnvironment(gymnasium.Env[FloatArray, FloatArray]):

@@ -115,23 +115,14 @@ _NAMES = [parameter.name for parameter in PARAMETERS]
 
 @dataclass(frozen=True)
 class SimulatorConfig:
-    """The checked parameters of the simulator.
+    """The checked parameters of the simulator."""
 
-    Attributes:
-        model: configuration of the arm.
-        course: parameters of time and dynamics.
-        playing: parameters of the profile to play.
-        hardware: parameters of winches, load cells and relaxation.
-        push: parameters of the push.
-        sensors: parameters of the sensors besides load cells and encoders.
-    """
-
-    model: Config
-    course: Course
-    playing: Playing
-    hardware: Hardware
-    push: Push
-    sensors: Sensors
+    model: Config  #: configuration of the arm
+    course: Course  #: parameters of time and dynamics
+    playing: Playing  #: parameters of the profile to play
+    hardware: Hardware  #: parameters of winches, load cells and relaxation
+    push: Push  #: parameters of the push
+    sensors: Sensors  #: parameters of the sensors besides load cells and encoders
 
     @functools.cached_property
     def limits(self) -> FloatArray:

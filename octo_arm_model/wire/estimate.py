@@ -18,19 +18,13 @@ _PARTS = 6  # three of position or force, three of rotation or moment
 
 
 class BackboneCovariance(NamedTuple):
-    """The contents of an octo_arm_msgs/BackboneCovariance.
+    """The contents of an octo_arm_msgs/BackboneCovariance."""
 
-    Attributes:
-        s: arc coordinates of the stations [m], (stations,).
-        pose: covariance of position [m] and rotation vector [rad], (stations, 6, 6).
-        contact_s: arc coordinate of the estimated wrench [m]; NaN for a current, or no wrench.
-        contact: covariance of force [N] and moment [N m], (6, 6).
-    """
-
-    s: FloatArray
-    pose: FloatArray
+    s: FloatArray  #: arc coordinates of the stations [m], (stations,)
+    pose: FloatArray  #: covariance of position [m] and rotation vector [rad], (stations, 6, 6)
+    #: arc coordinate of the estimated wrench [m]; NaN for a current, or no wrench
     contact_s: float
-    contact: FloatArray
+    contact: FloatArray  #: covariance of force [N] and moment [N m], (6, 6)
 
 
 def read_covariance(message: Any) -> BackboneCovariance:

@@ -127,18 +127,13 @@ PoseOf: TypeAlias = Callable[[str, int], Pose]
 
 @dataclass(frozen=True)
 class MeasuredArm:
-    """The arm that is measured, with its sensors.
+    """The arm that is measured, with its sensors."""
 
-    Attributes:
-        config: the description of the arm.
-        settings: the settings of its estimator, among them the noise of sensors.
-        pose_of: pose of a frame in base_frame; None if measurements are in base_frame.
-        received_ns: stamp of headers in which none is set [ns]; 0 if frames are not known then.
-    """
-
-    config: Config
-    settings: EstimatorSettings
+    config: Config  #: the description of the arm
+    settings: EstimatorSettings  #: the settings of its estimator, among them the noise of sensors
+    #: pose of a frame in base_frame; None if measurements are in base_frame
     pose_of: PoseOf | None = None
+    #: stamp of headers in which none is set [ns]; 0 if frames are not known then
     received_ns: int = 0
 
     def frame(self, header: Any) -> Pose:
@@ -159,18 +154,12 @@ class MeasuredArm:
 
 @dataclass(frozen=True)
 class MeasurementMessage:
-    """A type of message that carries a measurement.
+    """A type of message that carries a measurement."""
 
-    Attributes:
-        type_name: name of the type, such as 'geometry_msgs/msg/PoseArray'.
-        description: meaning of the message, in a few words.
-        parameters: prefix of the parameters of the estimator that describe its sensor.
-        read: returns the measurement in a message of an ``arm``, or raises OctoArmError.
-    """
-
-    type_name: str
-    description: str
-    parameters: str
+    type_name: str  #: name of the type, such as 'geometry_msgs/msg/PoseArray'
+    description: str  #: meaning of the message, in a few words
+    parameters: str  #: prefix of the parameters of the estimator that describe its sensor
+    #: returns the measurement in a message of an ``arm``, or raises OctoArmError
     read: Callable[..., measurements.Measurement]
 
 

@@ -57,13 +57,11 @@ class Refusals:
     """Counts of messages left out.
 
     Reasons that differ only in numbers count as one. The number of reasons is bounded.
-
-    Attributes:
-        counts: counts by topic and by reason without its numbers.
-        examples: the first full reason of each of these.
     """
 
+    #: counts by topic and by reason without its numbers
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    #: the first full reason of each of these
     examples: dict[tuple[str, str], str] = field(default_factory=dict)
 
     def count(self, topic: str, reason: str) -> None:

@@ -138,17 +138,12 @@ def names_of(message: Any, path: str) -> list[str] | None:
 
 @dataclass(frozen=True)
 class TensionMessage:
-    """A type of message that carries the tensions of all tendons.
+    """A type of message that carries the tensions of all tendons."""
 
-    Attributes:
-        type_name: name of the type, such as 'sensor_msgs/msg/JointState'.
-        tensions: field of the tensions [N].
-        names: field of the tendons' names; None if tensions are row-major, with the shape in the
-            field 'layout'.
-    """
-
-    type_name: str
-    tensions: str
+    type_name: str  #: name of the type, such as 'sensor_msgs/msg/JointState'
+    tensions: str  #: field of the tensions [N]
+    #: field of the tendons' names; None if tensions are row-major, with the shape in the field
+    #: 'layout'
     names: str | None = None
 
     def read(self, message: Any, arm: Arm, chosen: Sequence[str] = ()) -> FloatArray:
@@ -178,15 +173,10 @@ class TensionMessage:
 
 @dataclass(frozen=True)
 class FieldMessage:
-    """A type of message in which one field holds tensions.
+    """A type of message in which one field holds tensions."""
 
-    Attributes:
-        type_name: name of the type.
-        field: path of the field; if it is a list, names are in the field 'name', if it has any.
-    """
-
-    type_name: str
-    field: str
+    type_name: str  #: name of the type
+    field: str  #: path of the field; if it is a list, names are in the field 'name', if it has any
 
     def read(self, message: Any, arm: Arm, chosen: Sequence[str] = ()) -> FloatArray:
         """Return the tensions [N], of `Arm.tension_shape`, among the values of the field.

@@ -47,19 +47,13 @@ _UNIT = 1e-3  # tolerance of the norm of a quaternion
 
 
 class PublishedShape(NamedTuple):
-    """One shape as the node published it.
+    """One shape as the node published it."""
 
-    Attributes:
-        position: positions of the stations in `base_frame`, base first, (stations, 3) [m].
-        quaternion: orientations of the stations x, y, z, w, (stations, 4).
-        stamp: stamp of the tensions that the shape was solved for [s].
-        received: time of arrival [s].
-    """
-
+    #: positions of the stations in `base_frame`, base first, (stations, 3) [m]
     position: FloatArray
-    quaternion: FloatArray
-    stamp: float
-    received: float
+    quaternion: FloatArray  #: orientations of the stations x, y, z, w, (stations, 4)
+    stamp: float  #: stamp of the tensions that the shape was solved for [s]
+    received: float  #: time of arrival [s]
 
 
 class PublishedStrains(NamedTuple):

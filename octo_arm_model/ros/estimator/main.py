@@ -58,14 +58,10 @@ class PreparedEstimator(Prepared):
 
     Its description is that of the arm without the settings of the estimator; its solver is that of
     the first hypothesis.
-
-    Attributes:
-        settings: settings of the estimator.
-        models: model of each hypothesis, by its name.
     """
 
-    settings: EstimatorSettings
-    models: Mapping[str, ArmModel]
+    settings: EstimatorSettings  #: settings of the estimator
+    models: Mapping[str, ArmModel]  #: model of each hypothesis, by its name
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> PreparedEstimator:

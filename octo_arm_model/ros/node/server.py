@@ -30,17 +30,11 @@ from octo_arm_model.wire.tensions import TENSION_TOPICS, FieldMessage, TensionMe
 
 @dataclass(frozen=True)
 class Prepared:
-    """An arm ready to be solved; a change of parameters replaces it as a whole.
+    """An arm ready to be solved; a change of parameters replaces it as a whole."""
 
-    Attributes:
-        description: the parameters of the arm, as a parameter file.
-        config: the configuration that the parameters describe.
-        solver: solver of the arm.
-    """
-
-    description: str
-    config: Config
-    solver: Solver
+    description: str  #: the parameters of the arm, as a parameter file
+    config: Config  #: the configuration that the parameters describe
+    solver: Solver  #: solver of the arm
 
     @functools.cached_property
     def followed(self) -> tuple[Solver, FollowingWrench]:
