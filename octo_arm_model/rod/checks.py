@@ -54,13 +54,13 @@ def check_tensions(arm: Arm, tensions: ArrayLike) -> FloatArray:
     if len(shape) == 1:
         tensions = _flatten_rows(arm, tensions)
     array = real_numbers(tensions)
-    expected = f'(..., {", ".join(str(count) for count in shape)})'
-    if array is None:
-        raise TensionError(
-            f'tensions are {shown(tensions)}, expected numbers in rows of equal length, of shape '
-            f'{expected}'
-        )
-    if array.shape[-len(shape) :] != shape:
+    if array is None or array.shape[-len(shape) :] != shape:
+        expected = f'(..., {", ".join(str(count) for count in shape)})'
+        if array is None:
+            raise TensionError(
+                f'tensions are {shown(tensions)}, expected numbers in rows of equal length, of '
+                f'shape {expected}'
+            )
         meaning = f'{len(arm.tendons)} tendons, section by section from the tip'
         if len(shape) == 2:
             meaning = f'{shape[0]} section(s) from the tip, {shape[1]} tendons each'
@@ -279,7 +279,7 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
     """
     if problem.tables.law != LINEAR:
         shortest = _shortest_fibres(problem.tables, z)
-        node = int(np.argmin(shortest))
+        node = int(shortest.argmin())
         if not shortest[node] > SHORTEST_FIBRE:
             raise SolveError(
                 'tensions compress a fibre of the arm to nothing at s = '
@@ -291,7 +291,7 @@ def check_stretches(problem: Problem, z: FloatArray) -> None:
 
 def check_compression(s: FloatArray, stretch: FloatArray) -> None:
     """Refuse a section of those at ``s`` (n,) [m] whose ``stretch`` (n,) is not positive."""
-    worst = int(np.argmin(stretch))
+    worst = int(stretch.argmin())
     if not stretch[worst] > 0.0:  # nor NaN
         raise SolveError(
             f'tensions compress the arm to nothing at s = {s[worst]:.4g} m '

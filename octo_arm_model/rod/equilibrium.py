@@ -475,7 +475,7 @@ def balance_sections(
     Raises:
         ConvergenceError: if it does not converge.
     """
-    residual, steps = form.balance(tables, z, tensions, np.zeros_like(z), OF_SECTIONS, work)
+    residual, steps = form.balance(tables, z, tensions, np.zeros(z.shape), OF_SECTIONS, work)
     if not residual <= OF_SECTIONS:
         raise ConvergenceError('the balance of the cross sections', residual, steps)
     return residual, steps

@@ -293,7 +293,7 @@ class Rod:
         require_resolved(finer.own, error, max(self.setting.accuracy, WORST))
         z = finer.to_nodes @ fine
         at_nodes = finer.problem.at_nodes(target)
-        state = State(at_nodes, z, np.zeros_like(z), residual)
+        state = State(at_nodes, z, np.zeros(z.shape), residual)
         return Equilibrium(state, level, None, None, iterations, fine)
 
     def unloaded(self, problem: Problem, target: Condition) -> tuple[FloatArray, float, int]:
