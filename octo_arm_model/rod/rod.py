@@ -42,6 +42,7 @@ from octo_arm_model.rod.tendons import unloaded_twists
 # Errors of positions over the length beyond which no shape is returned, with contact or a history
 # of friction, and without. The former bounds edges of contacts and kinks of tensions.
 KINKED, WORST = 1e-5, 1e-6
+_OF_KINKS = 100.0  # allowed error with a history of tensions, over that without, up to `WORST`
 # Largest errors of depths in obstacles over the length, and of tensions.
 _WORST_DEPTH, _WORST_TENSION = 1e-4, 1e-2
 _SOFT_DEPTH = 1e-3  # depth in soft planes over the deflection of the arm
@@ -274,7 +275,7 @@ class Rod:
             fine, coarse = self._fine(level), self._fine(level - 1)
             coarser = moved(before, fine, coarse)
             change = np.abs(moved(coarser, coarse, fine) - before).max()
-            if not change <= self.setting.accuracy * before.max():
+            if not change <= self._accuracy_of_kinks * before.max():
                 break
             before, level = coarser, level - 1
         return level
@@ -505,6 +506,20 @@ class Rod:
             verdict = follow(problem, condition, finer.state.z, condition, spending)
             equilibrium = self._equilibrium(verdict, finer.level, spending.iterations)
 
+    def _allowed(self, condition: Condition) -> float:
+        """Return the allowed error of positions over the length, and of tensions.
+
+        A winch that reverses needs more nodes, as its tendon slips next to the base alone.
+        """
+        is_kinked = condition.before is not None and not condition.driven.any()
+        return self._accuracy_of_kinks if is_kinked else self.setting.accuracy
+
+    @property
+    def _accuracy_of_kinks(self) -> float:
+        """Allowed error with a history of tensions, whose kinks gain little by more nodes."""
+        accuracy = self.setting.accuracy
+        return max(accuracy, min(_OF_KINKS * accuracy, WORST))
+
     def is_resolved(self, state: State, level: int, factors: Linear | None = None) -> bool:
         """Whether a ``level`` resolves ``state``, by ``factors`` of its Jacobian if it is soft.
 
@@ -512,7 +527,7 @@ class Rod:
             SolveError: if it is not, and there is no finer level.
         """
         problem, finer, is_last = self.problem(level), self.finer(level), self.is_last(level)
-        allowed, error = self.setting.accuracy, problem.position_error(state.z)
+        allowed, error = self._allowed(state.condition), problem.position_error(state.z)
         depth_error = _depth_error(problem, is_last)
         if is_last or depth_error:
             is_kinked = depth_error or state.condition.before is not None

@@ -29,13 +29,16 @@ from octo_arm_model import (
     Solver,
     TipPosition,
     find_tensions,
+    load_config,
 )
 from octo_arm_model.arm.stiffness import estimate_sheath_stiffness
+from octo_arm_model.rod.elements import LEVELS
 
 MODELS = ('closed_form', 'exact')
 YOUNG, RADIUS, LENGTH, OFFSET, MU = 1e5, 0.01, 0.4, 0.006, 0.3
 BENDING = YOUNG * math.pi * RADIUS**4 / 4
 GRAVITY = Loads(gravity=(0.0, 0.0, -9.81))
+IN_WATER = dataclasses.replace(GRAVITY, fluid_density=1000.0)
 
 
 def uniform(angles: tuple[float, ...] = (0.0,), friction: float = MU) -> Arm:
@@ -203,6 +206,24 @@ def test_hysteresis_loop_closes_and_has_an_area(model, loads):
     assert_allclose(loops[-1][-1].tip, first.tip, atol=1e-7 * arm.length)
     # The same tensions give different shapes when they rise and when they fall.
     assert np.linalg.norm(loops[-1][0].tip - loops[-1][2].tip) > 2e-3 * arm.length
+
+
+def test_a_course_of_tensions_takes_few_nodes():
+    # The course turns back, so that tensions along the tendons have kinks.
+    arm = load_config('renda2012_table4').arm.with_density(1080.0)
+    arm = dataclasses.replace(arm, friction=(0.2,))
+    quick, exact = (
+        Solver(arm, 'exact', 11, loads=IN_WATER, accuracy=accuracy) for accuracy in (1e-8, 1e-10)
+    )
+    pull = np.random.default_rng(5).uniform(0.2, 1.0, (3, 4)) * [[0.2], [1.0], [3.0]]
+    shape, reference, levels = None, None, []
+    for factor in (0.5, 1.0, 0.9, 0.6, 0.8, 0.3, 0.7):
+        tensions = factor * pull
+        shape, reference = quick.follow(tensions, shape), exact.follow(tensions, reference)
+        assert_allclose(shape.position, reference.position, rtol=0.0, atol=2e-6 * arm.length)
+        levels.append((shape.equilibrium.level, reference.equilibrium.level))
+    assert max(level for level, _ in levels) <= 2
+    assert max(level for _, level in levels) == len(LEVELS) - 1
 
 
 def test_solve_does_not_depend_on_a_history():
