@@ -42,7 +42,7 @@ from octo_arm_model.rod.tendons import unloaded_twists
 # Errors of positions over the length beyond which no shape is returned, with contact or a history
 # of friction, and without. The former bounds edges of contacts and kinks of tensions.
 KINKED, WORST = 1e-5, 1e-6
-_OF_KINKS = 100.0  # allowed error with a history of tensions, over that without, up to `WORST`
+_OF_KINKS = 1e3  # allowed error with a history of tensions, over that without, up to `KINKED`
 # Largest errors of depths in obstacles over the length, and of tensions.
 _WORST_DEPTH, _WORST_TENSION = 1e-4, 1e-2
 _SOFT_DEPTH = 1e-3  # depth in soft planes over the deflection of the arm
@@ -518,7 +518,7 @@ class Rod:
     def _accuracy_of_kinks(self) -> float:
         """Allowed error with a history of tensions, whose kinks gain little by more nodes."""
         accuracy = self.setting.accuracy
-        return max(accuracy, min(_OF_KINKS * accuracy, WORST))
+        return max(accuracy, min(_OF_KINKS * accuracy, KINKED))
 
     def is_resolved(self, state: State, level: int, factors: Linear | None = None) -> bool:
         """Whether a ``level`` resolves ``state``, by ``factors`` of its Jacobian if it is soft.

@@ -89,7 +89,7 @@ class Solver:
         are the same. ``budget`` limits the continuation of one loaded arm, or of all solves in
         `together`. The number of nodes is chosen so that the error of positions is at most
         ``accuracy`` times the length; up to 1e-6 on the finest nodes, 1e-5 with contact or a
-        history of friction. With such a history a hundred times the accuracy, at most 1e-6, does.
+        history of friction. With such a history a thousand times the accuracy, at most 1e-5, does.
 
         Raises:
             ConfigError: if there is no such model or material, they exclude each other, the model

@@ -265,7 +265,7 @@ def test_stretch_with_friction_equals_the_closed_form(mu):
 
 def test_displacements_determine_the_tensions_along_a_history():
     loads = Loads(gravity=(0.0, 0.0, -9.81))
-    solver = Solver(HELICAL, 'exact', 11, loads=loads, accuracy=1e-10)
+    solver = Solver(HELICAL, 'exact', 11, loads=loads, accuracy=1e-11)
     shape, wound = solver.solve(PULL), solve_displacements(solver, {}, by_name(solver, PULL))
     # Unload, a little more, load again, and change tensions in different proportions.
     for factor in (0.9, 0.899, 0.5, 0.5005, np.linspace(0.6, 1.1, 6).reshape(2, 3)):
@@ -284,7 +284,7 @@ def test_displacements_of_any_arm_are_followed_with_friction(case, friction, fac
     arm, tensions = case
     stiffness = 20.0 * float(np.max(tensions)) + 1.0
     arm = dataclasses.replace(arm, friction=(friction,), axial_stiffness=(stiffness,))
-    solver = Solver(arm, 'exact', 41, material='linear', accuracy=1e-10)
+    solver = Solver(arm, 'exact', 41, material='linear', accuracy=1e-11)
     try:
         loaded = solver.solve(tensions)
         released = solver.follow(factor * tensions, loaded)

@@ -167,9 +167,8 @@ def test_tension_let_out_to_a_half_equals_the_closed_form():
     # On a metal rod; the tension has a kink where the tendon begins to stick.
     section = Section(0.5, 0.014, 0.014, angles=(0.0,))
     body = Body(0.5, 0.0016, 0.0016, disc_radius=0.03)
-    solver = Solver(
-        Arm(Material(2e9, 0.3), body, (section,), friction=(MU,)), 'exact', material='linear'
-    )
+    arm = Arm(Material(2e9, 0.3), body, (section,), friction=(MU,))
+    solver = Solver(arm, 'exact', material='linear', accuracy=1e-9)
     pulled = solver.solve([[24.0]])
     released = solver.follow([[12.0]], pulled)
     slope = MU * 0.014 / (2e9 * math.pi * 0.0016**4 / 4) * released.s
@@ -213,16 +212,16 @@ def test_a_course_of_tensions_takes_few_nodes():
     arm = load_config('renda2012_table4').arm.with_density(1080.0)
     arm = dataclasses.replace(arm, friction=(0.2,))
     quick, exact = (
-        Solver(arm, 'exact', 11, loads=IN_WATER, accuracy=accuracy) for accuracy in (1e-8, 1e-10)
+        Solver(arm, 'exact', 11, loads=IN_WATER, accuracy=accuracy) for accuracy in (1e-8, 1e-11)
     )
     pull = np.random.default_rng(5).uniform(0.2, 1.0, (3, 4)) * [[0.2], [1.0], [3.0]]
     shape, reference, levels = None, None, []
     for factor in (0.5, 1.0, 0.9, 0.6, 0.8, 0.3, 0.7):
         tensions = factor * pull
         shape, reference = quick.follow(tensions, shape), exact.follow(tensions, reference)
-        assert_allclose(shape.position, reference.position, rtol=0.0, atol=2e-6 * arm.length)
+        assert_allclose(shape.position, reference.position, rtol=0.0, atol=3e-5 * arm.length)
         levels.append((shape.equilibrium.level, reference.equilibrium.level))
-    assert max(level for level, _ in levels) <= 2
+    assert max(level for level, _ in levels) <= 1
     assert max(level for _, level in levels) == len(LEVELS) - 1
 
 
