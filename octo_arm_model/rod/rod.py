@@ -275,7 +275,7 @@ class Rod:
             fine, coarse = self._fine(level), self._fine(level - 1)
             coarser = moved(before, fine, coarse)
             change = np.abs(moved(coarser, coarse, fine) - before).max()
-            if not change <= self._accuracy_of_kinks * before.max():
+            if not change <= self.allowed_error(before) * before.max():
                 break
             before, level = coarser, level - 1
         return level
@@ -506,19 +506,13 @@ class Rod:
             verdict = follow(problem, condition, finer.state.z, condition, spending)
             equilibrium = self._equilibrium(verdict, finer.level, spending.iterations)
 
-    def _allowed(self, condition: Condition) -> float:
+    def allowed_error(self, before: FloatArray | None) -> float:
         """Return the allowed error of positions over the length, and of tensions.
 
-        A winch that reverses needs more nodes, as its tendon slips next to the base alone.
+        Tensions ``before`` (M, J) [N] have kinks, for which more nodes gain little.
         """
-        is_kinked = condition.before is not None and not condition.driven.any()
-        return self._accuracy_of_kinks if is_kinked else self.setting.accuracy
-
-    @property
-    def _accuracy_of_kinks(self) -> float:
-        """Allowed error with a history of tensions, whose kinks gain little by more nodes."""
         accuracy = self.setting.accuracy
-        return max(accuracy, min(_OF_KINKS * accuracy, KINKED))
+        return accuracy if before is None else max(accuracy, min(_OF_KINKS * accuracy, KINKED))
 
     def is_resolved(self, state: State, level: int, factors: Linear | None = None) -> bool:
         """Whether a ``level`` resolves ``state``, by ``factors`` of its Jacobian if it is soft.
@@ -527,10 +521,11 @@ class Rod:
             SolveError: if it is not, and there is no finer level.
         """
         problem, finer, is_last = self.problem(level), self.finer(level), self.is_last(level)
-        allowed, error = self._allowed(state.condition), problem.position_error(state.z)
+        before, error = state.condition.before, problem.position_error(state.z)
+        allowed = self.allowed_error(before)
         depth_error = _depth_error(problem, is_last)
         if is_last or depth_error:
-            is_kinked = depth_error or state.condition.before is not None
+            is_kinked = depth_error or before is not None
             allowed = max(allowed, KINKED if is_kinked else WORST)
         if not (is_last or depth_error <= _WORST_DEPTH):
             return False

@@ -28,7 +28,9 @@ from octo_arm_model.rod.rod import Rod, moved
 from octo_arm_model.rod.winch_equations import BorderedSystem, RodWinchEquations
 
 _TOLERANCE = 1e-10
-_ACCEPTED = 1e-8  # residual that is accepted where rounding and friction allow no less
+# Residual that is accepted where rounding and friction allow no less, and that over the allowed
+# error with a history of tensions, where those of tendons that stick are uncertain.
+_ACCEPTED, _OF_ALLOWED = 1e-8, 0.1
 _ON_THE_WAY, _REVERSING = 3e-4, 1e-6  # on the way, without a history of tensions and with one
 _FIRST_STEP = 0.3  # first step of continuation
 _SMALLEST_LOAD = 0.03  # smallest step of continuation while loads begin to act
@@ -139,7 +141,8 @@ class _Search:
         state, system, firm = result.state, result.factors, last.firm_state
         condition, equations = state.condition, self._equations(last.level)
         is_free = self.is_free(condition)
-        if not state.residual <= max(tolerance, _ACCEPTED):
+        accepted = max(_ACCEPTED, _OF_ALLOWED * self._rod.allowed_error(condition.before))
+        if not state.residual <= max(tolerance, accepted):
             return None
         if result.corrected > MOST_CORRECTED and not is_free:
             return None
