@@ -106,6 +106,7 @@ class Friction:
         self.reach = np.repeat(tables.reach[:: elements.points], len(self.tables.to_fine), axis=0)
         self.to_nodes = self.projection(elements)
         self._last: FloatArray | None = None  # first guess of tensions in sheaths
+        self._last_integrals: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def projection(self, elements: Elements) -> FloatArray:
         """Return the projection from fine points to nodes of other ``elements``, (p, M / E)."""
@@ -176,22 +177,35 @@ class Friction:
         The other arguments are those of `hold`. The integral is linear between the tensions at
         which one of the fine points begins or ends to stick.
         """
+        ends, integrals = self._integrals(tensions, before, angle)
+        integrals = integrals + free * ends
+        integral = _interpolated(tensions, ends, integrals) + increase
+        return _interpolated(integral, integrals, ends)
+
+    def _integrals(
+        self, tensions: FloatArray, before: FloatArray, angle: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return tensions at the base (k, J), in order, and the integrals (k, J) under each.
+
+        Those of the last ``angle`` are kept, for several steps from one state.
+        """
+        if self._last_integrals is not None and self._last_integrals[0] is angle:
+            return self._last_integrals[1:]
         loss = self.tables.friction * self.spread(self.tables.to_fine, angle)
         remaining = np.exp(-np.minimum(loss, _MOST_LOSS))
-        weights, pulled = self.fine.weights[:, np.newaxis] * self.reach, tensions.copy()
-        for j, (old, fraction, weight) in enumerate(zip(before.T, remaining.T, weights.T)):
-            limits = np.concatenate([old * fraction, old / fraction])
-            order, zeros = limits.argsort(), np.zeros_like(weight)
-            let_out = np.concatenate([weight / fraction, zeros])[order]
-            drawn_in = np.concatenate([zeros, weight * fraction])[order]
-            ends = np.append(0.0, limits[order])
-            ends = np.append(ends, 1e3 * max(ends[-1], tensions[j]) + 1.0)
-            slopes = np.append(let_out[::-1].cumsum()[::-1], 0.0) + free[j]
-            slopes[1:] += drawn_in.cumsum()
-            integrals = np.append(0.0, np.cumsum(slopes * np.diff(ends)))
-            integral = np.interp(tensions[j], ends, integrals) + increase[j]
-            pulled[j] = np.interp(integral, integrals, ends)
-        return pulled
+        limits = np.concatenate([before * remaining, before / remaining])
+        order, weights = limits.argsort(axis=0), self.fine.weights[:, np.newaxis] * self.reach
+        ends, zeros = np.zeros((len(limits) + 2, tensions.size)), np.zeros(before.shape)
+        ends[1:-1] = np.take_along_axis(limits, order, axis=0)
+        ends[-1] = 1e3 * np.maximum(ends[-2], tensions) + 1.0
+        let_out = np.take_along_axis(np.concatenate([weights / remaining, zeros]), order, axis=0)
+        drawn_in = np.take_along_axis(np.concatenate([zeros, weights * remaining]), order, axis=0)
+        slopes, integrals = np.zeros(ends[1:].shape), np.zeros(ends.shape)
+        slopes[:-1] = let_out[::-1].cumsum(axis=0)[::-1]
+        slopes[1:] += drawn_in.cumsum(axis=0)
+        np.cumsum(slopes * np.diff(ends, axis=0), axis=0, out=integrals[1:])
+        self._last_integrals = angle, ends, integrals
+        return ends, integrals
 
     def angles(self, z: FloatArray, tensions: FloatArray, work: Work) -> FloatArray:
         """Return theta (N, J) of tendons under ``tensions`` (N, J) [N] at twists ``z`` (N, m)."""
@@ -204,6 +218,15 @@ class Friction:
             return local.band.tensions
         angle = self.spread(self.tables.to_fine, local.angle)
         return np.asarray(tensions * self.reach * np.exp(-self.tables.friction * angle))
+
+
+def _interpolated(x: FloatArray, places: FloatArray, values: FloatArray) -> FloatArray:
+    """Interpolate ``values`` (k, J) between ``places`` (k, J) at ``x`` (J,), column by column."""
+    number = np.clip((places <= x).sum(axis=0), 1, len(places) - 1), np.arange(x.size)
+    last = number[0] - 1, number[1]
+    start, size = places[last], np.maximum(places[number] - places[last], 1e-300)
+    part = np.clip((x - start) / size, 0.0, 1.0)
+    return np.asarray(values[last] + part * (values[number] - values[last]))
 
 
 class TensionDerivatives:
