@@ -21,7 +21,7 @@ class SensorTopics:
 
     tensions: Source | None  #: source of the tensions; None if there are none
     others: Mapping[str, str]  #: topics by the names of their rows of `MEASUREMENT_TOPICS`
-    #: by topic what returns the measurement of an ``arm`` in a message there
+    #: functions by topic that return the measurement of an ``arm`` in a message there
     readers: Mapping[str, Callable[..., Measurement]]
 
     @property

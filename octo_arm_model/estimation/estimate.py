@@ -41,8 +41,8 @@ class Estimate:
     bank: Bank  #: all hypotheses after them
     known: Gaussian  #: mean of the leader, with a covariance that contains the other hypotheses
     prediction: Prediction  #: a prediction near this mean
-    #: of every measurement, linear ones first, then of every refused load cell; none of sensors
-    #: that the leader does not use but that may be right
+    #: innovations of every measurement, linear ones first, then of every refused load cell; none
+    #: of sensors that the leader does not use but that may be right
     innovations: tuple[Innovation, ...]
     accepted: tuple[Rows, ...]  #: measurements that were used, linear ones first
     #: normalised square of all numbers that were used, and their number
@@ -50,7 +50,7 @@ class Estimate:
     #: ln of the likelihood of all measurements; unused ones count as at the gate
     log_likelihood: float
     doubted: Doubts  #: names of the sensors that are wrong with a probability of over a half
-    #: if there are none, names of the smallest set of which one is probably wrong
+    #: if none is doubted, names of the smallest set of sensors of which one is probably wrong
     suspects: tuple[str, ...]
     #: time since which even the leader is contradicted [s]; None if it isn't
     contradicted_since: float | None

@@ -105,7 +105,7 @@ class Equilibrium(NamedTuple):
     level: int  #: index in `elements.LEVELS` of the level of its nodes
     #: factors of the Jacobian at an equilibrium nearby; None for an arm without loads
     factors: Linear | None
-    #: that equilibrium if it was found to be stable by a margin; else None
+    #: the equilibrium of these factors, if it is stable by a margin; else None
     firm_state: State | None
     iterations: int  #: number of all iterations
     fine: FloatArray | None = None  #: twists at the finer points, for an arm without loads
