@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 _KEPT = '# fmt' + ':'
 # Largest numbers of lines of Python, with docstrings and comments.
 MOST = {
-    'octo_arm_model': 43_160,
+    'octo_arm_model': 43_170,
     'octo_arm_model/analysis': 1_520,
     'octo_arm_model/apps': 450,
     'octo_arm_model/arm': 2_420,
@@ -27,11 +27,11 @@ MOST = {
     'octo_arm_model/experiment': 6_040,
     'octo_arm_model/reproduce': 1_010,
     'octo_arm_model/rod': 11_160,
-    'octo_arm_model/ros': 4_480,
+    'octo_arm_model/ros': 4_490,
     'octo_arm_model/simulation': 2_170,
     'octo_arm_model/viewer': 2_070,
     'octo_arm_model/wire': 1_350,
-    'test': 24_310,
+    'test': 24_340,
 }
 
 

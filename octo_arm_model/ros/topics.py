@@ -25,6 +25,7 @@ from std_msgs.msg import Header
 from octo_arm_model.arm.arm import Arm
 from octo_arm_model.arm.errors import ConfigError, LoadError, MessageError, shown
 from octo_arm_model.arm.hints import FloatArray
+from octo_arm_model.ros.work import end_if_interrupted
 
 _TYPE = re.compile(r'([a-z]\w*)/msg/([A-Z]\w*)')
 
@@ -34,7 +35,9 @@ def decoded(data: bytes, kind: Any) -> Any:
     try:
         return deserialize_message(data, kind)
     except Exception as error:
-        # For bytes that are not a message the middleware raises errors of several types.
+        # For bytes that are not a message the middleware raises errors of several types, and for
+        # an exception by a signal as well.
+        end_if_interrupted()
         raise MessageError(f'{len(data)} bytes that are no {kind.__name__}') from error
 
 

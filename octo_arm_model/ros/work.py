@@ -68,6 +68,12 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
     raise _Interruption
 
 
+def end_if_interrupted() -> None:
+    """End the callback if a signal came; for where rclpy loses the exception of the handler."""
+    if _State.has_come:
+        raise _Interruption
+
+
 def interruptible(callback: Callable[..., Any]) -> Callable[..., Any]:
     """Return a ``callback`` that a signal ends, and that does nothing after a signal.
 
@@ -100,7 +106,8 @@ def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return callback(*arguments)
         except Exception:
-            if node.context.ok():  # else a signal has shut it down amid the callback
+            end_if_interrupted()
+            if node.context.ok():  # else it was shut down amid the callback
                 log.add('unexpected fault', traceback.format_exc())
             return arguments[-1] if arguments else None  # of a service its response, as it is
 

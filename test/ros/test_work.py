@@ -156,6 +156,29 @@ def test_a_signal_ends_the_node_in_the_middle_of_a_solve(what, name):
         process.communicate()
 
 
+# Most signals come while rclpy converts the message, and loses the exception of the handler.
+READING = """
+import signal
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.serialization import serialize_message
+from octo_arm_model.ros import work
+from octo_arm_model.ros.topics import decoded
+data = serialize_message(PoseWithCovarianceStamped())
+def read(response):
+    signal.setitimer(signal.ITIMER_REAL, 0.001)
+    while True:
+        decoded(data, PoseWithCovarianceStamped)
+for _ in range(10):
+    work.install()
+    assert work.interruptible(read)('the response') == 'the response'
+"""
+
+
+def test_a_message_that_a_signal_interrupts_is_not_called_damaged():
+    reading = subprocess.run([sys.executable, '-c', READING], capture_output=True, text=True)
+    assert reading.returncode == 0, reading.stderr
+
+
 # Parts -------------------------------------------------------------------------------------------
 
 
