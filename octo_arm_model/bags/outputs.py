@@ -63,7 +63,7 @@ class Experiment:
     dropped: float = 0.05  #: share of the midlines that are missing [-]
     outliers: float = 0.03  #: share of the midlines with points far from the arm [-]
     #: true stiffness of the tendons' sheaths [Pa]; 0 for that of the config. Encoders of the
-    #: winches are recorded only with this or the next.
+    #: winches are recorded only with this or ``axial_stiffness``.
     sheath: float = 0.0
     axial_stiffness: float = 0.0  #: true E A of the tendons [N]; 0 for that of the config
     encoder_noise: float = 2e-5  #: standard deviation of the reading of an encoder [m]

@@ -281,7 +281,7 @@ class RecordedArm(NamedTuple):
 
     prefix: str  #: namespace of its topics, with the slash
     sources: tuple[Source, ...]  #: sources of its tensions and displacements
-    parameters: Mapping[str, Any]  #: its parameters, as for `Config.from_parameters`
+    parameters: Mapping[str, Any]  #: parameters of the arm, as for `Config.from_parameters`
 
 
 def find_arms(

@@ -80,10 +80,10 @@ class Moment(NamedTuple):
     received_ns: int  #: time when the recorder had received all of them [ns]
     time: float  #: time from the start of the recording [s]
     tip: FloatArray  #: position of the tip (3,) [m]
-    tip_stddev: FloatArray  #: its standard deviations (3,) [m]
+    tip_stddev: FloatArray  #: standard deviations of the position of the tip (3,) [m]
     s: float  #: arc coordinate of the contact [m]; NaN for a current, and without contact
     wrench: FloatArray  #: wrench of the contact (6,) [N, N m]; NaN without contact
-    #: its standard deviations (6,); zero for components that are not estimated
+    #: standard deviations of the wrench (6,); zero for components that are not estimated
     wrench_stddev: FloatArray
     hypothesis: str  #: name of the hypothesis of the estimate
     is_significant: bool  #: whether the force is larger than its uncertainty explains

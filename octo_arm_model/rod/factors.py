@@ -36,7 +36,7 @@ class Factors(NamedTuple):
     """LU factors of a Jacobian."""
 
     factors: FloatArray  #: the factors of the transposed matrix, as LAPACK's getrf returns them
-    pivots: IntArray  #: its pivots
+    pivots: IntArray  #: rows of this matrix that were exchanged, as getrf returns them
     sign: int  #: the sign of the determinant, 1 or -1
 
     def solve(self, right: FloatArray) -> FloatArray:

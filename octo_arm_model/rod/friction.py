@@ -106,7 +106,7 @@ class Friction:
         self.reach = np.repeat(tables.reach[:: elements.points], len(self.tables.to_fine), axis=0)
         self.to_nodes = self.projection(elements)
         self._last: FloatArray | None = None  # first guess of tensions in sheaths
-        self._last_integrals: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        self._last_integrals: tuple[FloatArray, ...] | None = None
 
     def projection(self, elements: Elements) -> FloatArray:
         """Return the projection from fine points to nodes of other ``elements``, (p, M / E)."""
@@ -187,10 +187,12 @@ class Friction:
     ) -> tuple[FloatArray, FloatArray]:
         """Return tensions at the base (k, J), in order, and the integrals (k, J) under each.
 
-        Those of the last ``angle`` are kept, for several steps from one state.
+        Those of the last ``before`` and ``angle`` are kept, for several steps from one state.
         """
-        if self._last_integrals is not None and self._last_integrals[0] is angle:
-            return self._last_integrals[1:]
+        if self._last_integrals is not None:
+            last_before, last_angle, *last = self._last_integrals
+            if last_before is before and last_angle is angle:
+                return last[0], last[1]
         loss = self.tables.friction * self.spread(self.tables.to_fine, angle)
         remaining = np.exp(-np.minimum(loss, _MOST_LOSS))
         limits = np.concatenate([before * remaining, before / remaining])
@@ -204,7 +206,7 @@ class Friction:
         slopes[:-1] = let_out[::-1].cumsum(axis=0)[::-1]
         slopes[1:] += drawn_in.cumsum(axis=0)
         np.cumsum(slopes * np.diff(ends, axis=0), axis=0, out=integrals[1:])
-        self._last_integrals = angle, ends, integrals
+        self._last_integrals = before, angle, ends, integrals
         return ends, integrals
 
     def angles(self, z: FloatArray, tensions: FloatArray, work: Work) -> FloatArray:

@@ -95,8 +95,8 @@ class PaperTables(NamedTuple):
     stiffness: FloatArray
     rest: FloatArray  #: moments that would straighten the sections, about t, n and b, (3, P) [N m]
     lengths: FloatArray  #: lengths of the elements [m], (E,)
-    #: weights of the integrals over an element of length one from each point to its end, and from
-    #: its start, (p + 1, p)
+    #: weights of the integrals over an element of length one, from each point to the end of the
+    #: element, and from its start, (p + 1, p)
     backwards: FloatArray
     #: number of elements, counted from the base, with equation (10): none in the closed form
     swept: int
